@@ -1,0 +1,1 @@
+"""Error figures, shift events and plots from logs."""

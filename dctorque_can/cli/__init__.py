@@ -1,0 +1,1 @@
+"""Command line ``dctorque``: one file per subcommand, a few lines each."""

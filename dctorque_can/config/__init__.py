@@ -1,0 +1,1 @@
+"""One YAML file to validated, frozen models; all errors of a file at once."""

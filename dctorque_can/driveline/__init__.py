@@ -1,0 +1,1 @@
+"""Driveline physics only: parameters, the lumped and the compliant model, clutch phases."""

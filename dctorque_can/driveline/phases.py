@@ -1,0 +1,49 @@
+"""Clutch phases (Fig. 3 of the paper): open, slipping or locked, decided with hysteresis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class ClutchPhase(IntEnum):
+    """What a clutch does."""
+
+    OPEN = 0  # carries no torque
+    SLIPPING = 1
+    LOCKED = 2
+
+
+class PhaseSource(IntEnum):
+    """What tells whether a clutch is open."""
+
+    POSITION = 0  # actuator position against the kissing point
+    FLAG = 1  # a "clutch open" flag
+    COMMAND = 2  # commanded torque
+
+
+@dataclass(frozen=True, slots=True)
+class ClutchActuation:
+    """When one clutch counts as closed (able to carry torque).
+
+    Attributes:
+        source: which quantity is read.
+        threshold: kissing point in the unit of the position, or torque in N·m; unused for a flag.
+        hysteresis: full width of the band around ``threshold``, same unit.
+        closes_increasing: a position above (true) or below (false) the kissing point is closed.
+    """
+
+    source: PhaseSource
+    threshold: float
+    hysteresis: float
+    closes_increasing: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseSettings:
+    """Thresholds of the phase decision."""
+
+    clutches: tuple[ClutchActuation, ClutchActuation]
+    slip_locked_rad_s: float  # |slip| below this for `lock_time_us` counts as locked
+    slip_released_rad_s: float  # |slip| above this counts as slipping again
+    lock_time_us: int

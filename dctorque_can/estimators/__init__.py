@@ -1,0 +1,1 @@
+"""Estimators of the individual clutch torques, their gains and their stability."""

@@ -1,0 +1,89 @@
+"""What the core gives: rows of estimates and of health, as structured numpy arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.pipeline.samples import N_QUANTITIES
+
+
+class Status(IntFlag):
+    """Bits of ``status`` of an estimate."""
+
+    CLUTCH1_VALID = 1
+    CLUTCH2_VALID = 2
+    OUTPUT_VALID = 4
+    GEARS_KNOWN = 8
+    PHASES_KNOWN = 16
+    ROAD_LOAD_LEARNED = 32
+    CONVERGED = 64  # enough time has passed since the last reset
+    INPUT_STALE = 128  # a required input is older than its timeout
+    SPEED_IMPLAUSIBLE = 256  # e.g. shaft speed does not fit gear and wheel speed
+    LIMITED = 512  # an estimate hit its plausibility limit
+
+
+ESTIMATE = np.dtype(
+    [
+        ("t_us", "i8"),
+        ("clutch1_torque_nm", "f8"),  # after attenuation
+        ("clutch2_torque_nm", "f8"),
+        ("output_torque_nm", "f8"),  # (31), from the clutch torques, after efficiency
+        ("output_torque_adaptive_nm", "f8"),  # T_n + τ_o dω_w/dt
+        ("clutch1_torque_uio_nm", "f8"),  # (65)
+        ("clutch2_torque_uio_nm", "f8"),  # (66)
+        ("clutch_torque_sum_nm", "f8"),  # T_c of (59), (60)
+        ("engine_torque_nm", "f8"),  # T_en + ω_e τ_e
+        ("road_load_nm", "f8"),  # T_n
+        ("engine_speed_rad_s", "f8"),
+        ("clutch1_slip_rad_s", "f8"),  # ω_e - ω_c1
+        ("clutch2_slip_rad_s", "f8"),
+        ("wheel_acceleration_rad_s2", "f8"),
+        ("gear1", "i1"),
+        ("gear2", "i1"),
+        ("phase1", "u1"),  # ClutchPhase
+        ("phase2", "u1"),
+        ("status", "u4"),  # Status
+    ],
+    align=True,
+)
+"""One estimate. Units are in the names; every float is finite."""
+
+HEALTH = np.dtype(
+    [
+        ("t_us", "i8"),
+        ("accepted", "u4", (N_QUANTITIES,)),  # per Quantity, since the start
+        ("not_available", "u4", (N_QUANTITIES,)),
+        ("out_of_range", "u4", (N_QUANTITIES,)),
+        ("bad_length", "u4", (N_QUANTITIES,)),
+        ("bad_crc", "u4", (N_QUANTITIES,)),
+        ("bad_counter", "u4", (N_QUANTITIES,)),
+        ("timeouts", "u4", (N_QUANTITIES,)),  # times an input went stale
+        ("age_us", "i8", (N_QUANTITIES,)),  # -1: never seen
+        ("late_frames", "u4"),  # older than the grid, taken at the grid's time
+        ("gap_resets", "u4"),
+        ("clock_resets", "u4"),
+        ("status", "u4"),  # Status of the last estimate
+    ],
+    align=True,
+)
+"""One health record, cumulative since the start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """What one call of ``feed`` gave.
+
+    Attributes:
+        rows: `ESTIMATE` ``[n]`` in order of time.
+        health: `HEALTH` ``[m]``, one per health period that ended in the batch.
+    """
+
+    rows: NDArray[np.void]
+    health: NDArray[np.void]
+
+    def __len__(self) -> int:
+        return len(self.rows)

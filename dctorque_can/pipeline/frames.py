@@ -1,0 +1,91 @@
+"""Raw CAN frames as columns: the word that bus, logs and daemon share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+EXTENDED_ID = 0x8000_0000  # set in ``can_id`` for 29-bit identifiers, as SocketCAN does
+
+
+class FrameFlag(IntFlag):
+    """Bits of ``Frames.flags``."""
+
+    FD = 1
+    BITRATE_SWITCH = 2
+    ERROR_STATE = 4
+    REMOTE = 8
+    ERROR = 16
+    SENT = 32  # transmitted by us
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """``n`` frames in order of arrival.
+
+    Attributes:
+        t_us: int64 ``[n]``, microseconds since the epoch of the log (Unix time on a live bus).
+        can_id: uint32 ``[n]``, with bit 31 (`EXTENDED_ID`) set for 29-bit identifiers.
+        length: uint8 ``[n]``, payload bytes 0..64 (not the DLC code).
+        flags: uint8 ``[n]``, bits of `FrameFlag`.
+        channel: uint8 ``[n]``, index of the bus the frame was seen on.
+        data: uint8 ``[n, 64]`` or ``[n, 8]`` when no frame is longer; zero beyond ``length``.
+    """
+
+    t_us: NDArray[np.int64]
+    can_id: NDArray[np.uint32]
+    length: NDArray[np.uint8]
+    flags: NDArray[np.uint8]
+    channel: NDArray[np.uint8]
+    data: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Self:
+        return type(self)(
+            self.t_us[rows],
+            self.can_id[rows],
+            self.length[rows],
+            self.flags[rows],
+            self.channel[rows],
+            self.data[rows],
+        )
+
+    @classmethod
+    def empty(cls, n: int = 0, width: int = 8) -> Self:
+        """Return ``n`` zeroed frames of ``width`` data bytes."""
+        return cls(
+            np.zeros(n, np.int64),
+            np.zeros(n, np.uint32),
+            np.zeros(n, np.uint8),
+            np.zeros(n, np.uint8),
+            np.zeros(n, np.uint8),
+            np.zeros((n, width), np.uint8),
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Iterable[Frames]) -> Self:
+        """Join batches in the given order."""
+        batches = list(parts)
+        if not batches:
+            return cls.empty()
+        width = max(batch.data.shape[1] for batch in batches)
+        padded = [np.pad(batch.data, ((0, 0), (0, width - batch.data.shape[1]))) for batch in batches]
+        return cls(
+            np.concatenate([b.t_us for b in batches]),
+            np.concatenate([b.can_id for b in batches]),
+            np.concatenate([b.length for b in batches]),
+            np.concatenate([b.flags for b in batches]),
+            np.concatenate([b.channel for b in batches]),
+            np.concatenate(padded),
+        )
+
+    def sorted_by_time(self) -> Self:
+        """Return the frames ordered by time; frames of equal time keep their order."""
+        return self[np.argsort(self.t_us, kind="stable")]

@@ -1,0 +1,143 @@
+"""Decoded signal samples as columns, and the description of the inputs they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Quantity(IntEnum):
+    """What a sample measures. Values are SI: rad/s, N·m, m/s², rad; positions in the unit of the bus."""
+
+    ENGINE_SPEED = 0
+    ENGINE_TORQUE = 1  # nominal net torque T_en
+    SHAFT1_SPEED = 2
+    SHAFT2_SPEED = 3
+    WHEEL_SPEED_FL = 4
+    WHEEL_SPEED_FR = 5
+    WHEEL_SPEED_RL = 6
+    WHEEL_SPEED_RR = 7
+    GEAR1 = 8  # engaged on shaft 1: 0 neutral or being changed, -1 reverse
+    GEAR2 = 9
+    CLUTCH1_POSITION = 10
+    CLUTCH2_POSITION = 11
+    CLUTCH1_OPEN = 12  # flag: 1 when the clutch cannot carry torque
+    CLUTCH2_OPEN = 13
+    CLUTCH1_COMMAND = 14  # commanded clutch torque (capacity), N·m
+    CLUTCH2_COMMAND = 15
+    ACCELERATION = 16  # longitudinal, m/s²
+    GRADE = 17  # road inclination, rad, positive uphill
+    BRAKE = 18  # any brake measure, positive when braking
+
+
+N_QUANTITIES = len(Quantity)
+
+
+class SampleStatus(IntEnum):
+    """Why a sample may not be used. Anything but OK is counted in `Health` and changes nothing else."""
+
+    OK = 0
+    NOT_AVAILABLE = 1  # the sender says so, or a raw value has no meaning
+    OUT_OF_RANGE = 2
+    BAD_LENGTH = 3
+    BAD_CRC = 4
+    BAD_COUNTER = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """``n`` samples in order of arrival.
+
+    Attributes:
+        t_us: int64 ``[n]``, time of the frame.
+        quantity: uint8 ``[n]``, `Quantity`.
+        value: float64 ``[n]``, SI; zero where ``status`` is not OK.
+        status: uint8 ``[n]``, `SampleStatus`.
+        last: bool ``[n]``, true on the last sample of its frame: only then the frame takes effect.
+    """
+
+    t_us: NDArray[np.int64]
+    quantity: NDArray[np.uint8]
+    value: NDArray[np.float64]
+    status: NDArray[np.uint8]
+    last: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Self:
+        return type(self)(
+            self.t_us[rows], self.quantity[rows], self.value[rows], self.status[rows], self.last[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One DBC signal of a linear combination: ``factor * physical + offset`` after ``values`` is applied.
+
+    Attributes:
+        message: name of the DBC message.
+        signal: name of the DBC signal.
+        factor: to SI, times the coefficient of the linear combination.
+        offset: added after ``factor``, SI.
+        not_available: raw (undecoded) values that mean "no value".
+        values: raw value to value, instead of the DBC's scaling; a raw value that is missing here is "no value".
+    """
+
+    message: str
+    signal: str
+    factor: float = 1.0
+    offset: float = 0.0
+    not_available: frozenset[int] = frozenset()
+    values: dict[int, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One quantity as the sum of DBC signals.
+
+    An input of several messages is renewed by each of them with the latest value of the others, as long as
+    those are younger than ``timeout_us``.
+
+    Attributes:
+        quantity: what it measures.
+        terms: the signals to be summed, at least one.
+        minimum: SI; a smaller sum is `SampleStatus.OUT_OF_RANGE`.
+        maximum: SI; a larger sum is `SampleStatus.OUT_OF_RANGE`.
+        timeout_us: age at which the input is stale.
+    """
+
+    quantity: Quantity
+    terms: tuple[Term, ...]
+    minimum: float
+    maximum: float
+    timeout_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Protection:
+    """How one received message is protected.
+
+    Attributes:
+        message: name of the DBC message.
+        counter_signal: name of the alive counter, or "" for none.
+        counter_modulus: the counter runs 0..modulus-1 (15 for AUTOSAR profile 1, else usually 16).
+        max_counter_delta: largest accepted step; a repeated counter (step 0) is never accepted.
+        crc: "none", "crc8_j1850" (CRC over all bytes but the CRC's own), "e2e_p01" or "e2e_p02" (AUTOSAR).
+        crc_signal: name of the checksum signal, or "" for none; an 8-bit signal on a byte boundary.
+        data_id: AUTOSAR data id (profile 1), or 0.
+        data_ids: the 16 data ids of profile 2, or empty.
+    """
+
+    message: str
+    counter_signal: str = ""
+    counter_modulus: int = 16
+    max_counter_delta: int = 3
+    crc: str = "none"
+    crc_signal: str = ""
+    data_id: int = 0
+    data_ids: tuple[int, ...] = ()

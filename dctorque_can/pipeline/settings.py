@@ -1,0 +1,46 @@
+"""Everything the estimator core must know besides the samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.driveline.phases import PhaseSettings
+from dctorque_can.estimators.design import Oh2014Design
+from dctorque_can.pipeline.samples import Input
+
+
+class DrivenAxle(IntEnum):
+    """Which wheels the transmission drives."""
+
+    FRONT = 0
+    REAR = 1
+    ALL = 2
+
+
+@dataclass(frozen=True, slots=True)
+class GearInference:
+    """Gear of a shaft from its speed ratio to the driven wheels, with hysteresis; None in `Settings` = from signals."""
+
+    engage_tolerance: float  # relative error of the ratio below which a gear counts as engaged
+    release_tolerance: float  # … above which it counts as released
+    confirm_us: int  # for how long
+    min_wheel_speed_rad_s: float  # slower than this the last gear is kept
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Settings of one estimator core."""
+
+    vehicle: Vehicle
+    inputs: tuple[Input, ...]
+    phases: PhaseSettings
+    gear_inference: GearInference | None
+    observer: Oh2014Design
+    driven_axle: DrivenAxle
+    step_us: int  # internal grid
+    estimate_period_us: int  # at most one estimate per this time
+    health_period_us: int
+    max_gap_us: int  # a longer silence resets the observer
+    max_step_back_us: int  # a larger step back in time resets the observer
