@@ -1,0 +1,200 @@
+"""YAML text to plain data, with the line of every key, so that an error can point at its place.
+
+The YAML 1.2 core schema is read: ``1e-3`` is a number, ``no`` and ``on`` are text, dates are text. Duplicate keys
+are errors. Only the first syntax error of a file can be found.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+from dctorque_can.config.problems import KeyPath, Problem, dotted
+
+MERGE = "tag:yaml.org,2002:merge"
+
+
+class _Loader(yaml.SafeLoader):
+    """The safe loader with the YAML 1.2 core schema."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+
+
+def _float(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> float:
+    text = str(loader.construct_scalar(node)).lower().replace(".inf", "inf").replace(".nan", "nan")
+    return float(text)
+
+
+def _int(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
+    text = str(loader.construct_scalar(node))
+    return int(text, {"0x": 16, "0o": 8}.get(text[:2], 10))
+
+
+_TAG = "tag:yaml.org,2002:"
+_Loader.add_implicit_resolver(_TAG + "bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+_Loader.add_implicit_resolver(_TAG + "null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""])
+_Loader.add_implicit_resolver(_TAG + "merge", re.compile(r"^<<$"), ["<"])
+_Loader.add_implicit_resolver(
+    _TAG + "int", re.compile(r"^(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)$"), list("-+0123456789")
+)
+_Loader.add_implicit_resolver(
+    _TAG + "float",
+    re.compile(
+        r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+    ),
+    list("-+.0123456789"),
+)
+_Loader.add_constructor(_TAG + "int", _int)
+_Loader.add_constructor(_TAG + "float", _float)
+
+
+@dataclass
+class Document:
+    """A parsed YAML file.
+
+    Attributes:
+        name: the file as the user named it.
+        data: the top-level mapping; empty when the text could not be parsed.
+        places: file and 1-based line of every key path.
+        problems: syntax errors, duplicate keys, unusable keys.
+    """
+
+    name: str
+    data: dict[Any, Any] = field(default_factory=dict)
+    places: dict[KeyPath, tuple[str, int]] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+    def place(self, path: KeyPath) -> tuple[str, int]:
+        """Return file and line of ``path`` or of its nearest ancestor that is in the file."""
+        for n in range(len(path), 0, -1):
+            if path[:n] in self.places:
+                return self.places[path[:n]]
+        return (self.name, 1 if self.data else 0)
+
+    def value(self, path: KeyPath) -> Any:
+        """Return the value at ``path``, or None."""
+        value: Any = self.data
+        for step in path:
+            if isinstance(value, dict) and step in value:
+                value = value[step]
+            elif isinstance(value, list) and isinstance(step, int) and step < len(value):
+                value = value[step]
+            else:
+                return None
+        return value
+
+    def problem(self, path: KeyPath, reason: str, *, warning: bool = False) -> Problem:
+        """Return a problem at ``path`` with its place and value filled in."""
+        file, line = self.place(path)
+        value = self.value(path)
+        text = "" if value is None or isinstance(value, dict | list) and not value else shown(value)
+        return Problem(file, line, dotted(path), text, reason, "warning" if warning else "error")
+
+
+def shown(value: object) -> str:
+    """Return a value as one line of YAML."""
+    text = yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=10_000, sort_keys=False)
+    return text.removesuffix("...\n").strip()
+
+
+def parse(content: bytes, name: str) -> Document:
+    """Parse the bytes of a YAML file; whatever is wrong is in ``problems`` of the result."""
+    document = Document(name)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        document.problems.append(Problem(name, line, "", "", "not UTF-8 text; save the file as UTF-8"))
+        return document
+    try:
+        loader = _Loader(text)
+        root = loader.get_single_node()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        reason = f"not valid YAML: {error.problem or error.context}"
+        if mark is not None:
+            reason += f" (column {mark.column + 1})"
+        document.problems.append(Problem(name, mark.line + 1 if mark else 0, "", "", reason))
+        return document
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        reason = f"not valid YAML: the character {error.character!r} is not allowed"
+        document.problems.append(Problem(name, line, "", "", reason))
+        return document
+    if root is None:
+        document.problems.append(Problem(name, 0, "", "", "the file is empty; see docs/configuration.md"))
+        return document
+    if not isinstance(root, yaml.MappingNode):
+        reason = "the file must be a mapping of keys such as 'vehicle:' and 'inputs:'"
+        document.problems.append(Problem(name, 1, "", "", reason))
+        return document
+    document.data = _Builder(document, loader).build(root, (), ())
+    return document
+
+
+class _Builder:
+    """Walks the node tree once, building data, places and problems."""
+
+    def __init__(self, document: Document, loader: _Loader):
+        self._document = document
+        self._loader = loader
+
+    def build(self, node: yaml.Node, path: KeyPath, above: tuple[yaml.Node, ...]) -> Any:
+        if any(node is ancestor for ancestor in above):
+            self._complain(node, path, "the alias refers to something that contains it")
+            return None
+        above = (*above, node)
+        if isinstance(node, yaml.MappingNode):
+            return {key: self.build(value, (*path, key), above) for key, value in self._pairs(node, path)}
+        if isinstance(node, yaml.SequenceNode):
+            values = []
+            for n, item in enumerate(node.value):
+                self._document.places[*path, n] = (self._document.name, item.start_mark.line + 1)
+                values.append(self.build(item, (*path, n), above))
+            return values
+        try:
+            return self._loader.construct_object(node)
+        except (yaml.YAMLError, ValueError) as error:
+            self._complain(node, path, f"not understood: {getattr(error, 'problem', None) or error}")
+            return None
+
+    def _pairs(self, node: yaml.MappingNode, path: KeyPath) -> Iterator[tuple[str | int, yaml.Node]]:
+        """Yield the pairs of a mapping, merged ones (``<<``) first."""
+        first: dict[str | int, int] = {}
+        for key_node, _ in node.value:
+            key = self._key(key_node, path)
+            if key is None or key_node.tag == MERGE:
+                continue
+            line = key_node.start_mark.line + 1
+            if key in first:
+                self._complain(key_node, (*path, key), f"the key is given twice, first in line {first[key]}")
+            first.setdefault(key, line)
+        try:
+            self._loader.flatten_mapping(node)
+        except yaml.MarkedYAMLError as error:
+            self._complain(node, path, str(error.problem))
+            return
+        for key_node, value in node.value:
+            key = self._key(key_node, path, quiet=True)
+            if key is not None:
+                self._document.places[*path, key] = (self._document.name, key_node.start_mark.line + 1)
+                yield key, value
+
+    def _key(self, node: yaml.Node, path: KeyPath, quiet: bool = False) -> str | int | None:
+        key = self._loader.construct_object(node) if isinstance(node, yaml.ScalarNode) else None
+        if isinstance(key, str | int) and not isinstance(key, bool):
+            return key
+        if not quiet:
+            self._complain(node, path, "a key must be a word or a whole number")
+        return None
+
+    def _complain(self, node: yaml.Node, path: KeyPath, reason: str) -> None:
+        line = node.start_mark.line + 1
+        value = str(node.value) if isinstance(node, yaml.ScalarNode) and node.value != str(path[-1:]) else ""
+        if path and value == str(path[-1]):
+            value = ""
+        self._document.problems.append(Problem(self._document.name, line, dotted(path), value, reason))

@@ -1,0 +1,56 @@
+"""Where the vehicle files and DBCs that ship with the package are found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dctorque_can.errors import DctorqueError
+
+_PACKAGE = Path(__file__).resolve().parent
+_INSTALLED = _PACKAGE / "shipped"
+
+
+def _root() -> Path:
+    """Return the directory with ``config/`` and ``dbc/``: inside an installed wheel, else the source tree."""
+    return _INSTALLED if _INSTALLED.is_dir() else _PACKAGE.parent
+
+
+def _shipped(directory: str, name: str, suffix: str) -> Path:
+    path = _root() / directory / (name if name.endswith(suffix) else name + suffix)
+    if not path.is_file():
+        have = ", ".join(sorted(p.stem for p in path.parent.glob("*" + suffix))) or "nothing"
+        raise DctorqueError(f"{path}: no such file ships with dctorque; there is: {have}")
+    return path
+
+
+def shipped_config(name: str) -> Path:
+    """Return the path of the shipped vehicle file ``name`` ("paper_car" or "paper_car.yaml").
+
+    Raises:
+        DctorqueError: no such file ships; the message names those that do.
+    """
+    return _shipped("config", name, ".yaml")
+
+
+def shipped_dbc(name: str) -> Path:
+    """Return the path of the shipped DBC ``name`` ("dctorque" or "dctorque.dbc").
+
+    Raises:
+        DctorqueError: no such file ships; the message names those that do.
+    """
+    return _shipped("dbc", name, ".dbc")
+
+
+def shipped_configs() -> list[Path]:
+    """Return the paths of all shipped vehicle files, sorted by name."""
+    return sorted((_root() / "config").glob("*.yaml"))
+
+
+def find_config(text: str | Path) -> Path:
+    """Return ``text`` as a path, or the shipped vehicle file of that bare name when no such file exists here."""
+    path = Path(text)
+    if not path.exists() and path.name == str(text):
+        for shipped in shipped_configs():
+            if str(text) in (shipped.name, shipped.stem):
+                return shipped
+    return path
