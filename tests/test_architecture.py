@@ -1,0 +1,174 @@
+"""The rooms of the package, who may know whom, and what the core may never touch (docs/architecture.md)."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "dctorque_can"
+NAME = PACKAGE.name
+
+WORDS = ("pipeline.frames", "pipeline.samples", "pipeline.estimates")
+ALLOWED: dict[str, tuple[str, ...]] = {
+    "driveline": (),
+    "estimators": ("driveline",),
+    "pipeline": ("estimators", "driveline"),
+    "bus": WORDS,
+    "logs": WORDS,
+    "simulation": ("driveline", *WORDS, "bus"),
+    "config": ("bus", *WORDS, "pipeline.settings", "driveline", "estimators.design"),
+    "analysis": (*WORDS, "logs"),
+    "daemon": ("driveline", "estimators", "pipeline", "bus", "logs", "simulation", "config", "analysis"),
+    "cli": (
+        "driveline",
+        "estimators",
+        "pipeline",
+        "bus",
+        "logs",
+        "simulation",
+        "config",
+        "analysis",
+        "daemon",
+    ),
+}
+FOR_ALL = ("compiled", "errors", "resources")
+
+CORE = ("driveline", "estimators", "pipeline")
+CORE_MODULES = {"numpy", "scipy", "numba", NAME}
+CORE_STANDARD_MODULES = {
+    "__future__",
+    "collections",
+    "dataclasses",
+    "enum",
+    "functools",
+    "itertools",
+    "math",
+    "typing",
+}
+CORE_CALLS = {"open", "print", "input", "exec", "eval", "__import__", "breakpoint"}
+CORE_TOP_FILES = {"compiled", "errors"}
+
+NO_COMPILED_CODE = ("analysis", "cli", "config", "daemon")
+NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools"}
+LONGEST_FILE = 400
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room_of(path: Path) -> str:
+    """Return the room of a file, or its own name for a file at the top of the package."""
+    first = path.relative_to(PACKAGE).parts[0]
+    return first.removesuffix(".py")
+
+
+def imported(tree: ast.AST, path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and full dotted module of every import, wherever in the file it stands."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            if node.level:
+                parents = path.relative_to(PACKAGE.parent).parts[: -node.level]
+                module = ".".join([*parents, module] if module else parents)
+            folder = PACKAGE.parent.joinpath(*module.split("."))
+            for alias in node.names:  # `from dctorque_can.pipeline import frames` names a module too
+                is_module = (folder / f"{alias.name}.py").is_file() or (folder / alias.name).is_dir()
+                yield node.lineno, f"{module}.{alias.name}" if is_module else module
+
+
+def may_import(room: str, module: str) -> bool:
+    """Tell whether a file of ``room`` may import ``module`` of this package."""
+    inner = module.removeprefix(NAME).removeprefix(".")
+    target = inner.split(".")[0]
+    if room not in ALLOWED:  # a file at the top of the package
+        return target in ("", *FOR_ALL)
+    if target in ("", room):
+        return True
+    if target in FOR_ALL:
+        return room not in CORE or target in CORE_TOP_FILES
+    return any(inner == allowed or inner.startswith(f"{allowed}.") for allowed in ALLOWED[room])
+
+
+def violations(source: str, path: Path) -> list[str]:
+    """Return what a file does against the rules, one line each."""
+    tree = ast.parse(source)
+    room = room_of(path)
+    imports = list(imported(tree, path))
+    found = []
+    for line, module in imports:
+        top = module.split(".")[0]
+        if top == NAME:
+            if not may_import(room, module):
+                found.append(f"{path}:{line}: {room} may not know {module}")
+        elif room in CORE and top not in CORE_MODULES | CORE_STANDARD_MODULES:
+            found.append(f"{path}:{line}: the core may not import {module}")
+    if room in CORE:
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in CORE_CALLS:
+                found.append(f"{path}:{node.lineno}: the core may not call {node.func.id}()")
+            if isinstance(node, ast.Attribute) and node.attr == "random":
+                found.append(f"{path}:{node.lineno}: the core may not draw random numbers")
+    if room in NO_COMPILED_CODE and any(module == f"{NAME}.compiled" for _, module in imports):
+        found.append(f"{path}: compiled code has no place in {room} (see tests/conftest.py)")
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_a_file_keeps_to_its_room(path: Path) -> None:
+    assert violations(path.read_text(encoding="utf-8"), path) == []
+
+
+def test_every_room_has_a_rule() -> None:
+    rooms = {path.name for path in PACKAGE.iterdir() if path.is_dir() and (path / "__init__.py").is_file()}
+    assert rooms == set(ALLOWED)
+
+
+def test_files_have_one_reason_and_a_name_that_says_it() -> None:
+    lengths = {str(path): len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
+    assert {path: lines for path, lines in lengths.items() if lines > LONGEST_FILE} == {}
+    assert [
+        path for path in FILES if NAMES_THAT_SAY_NOTHING & {path.stem, *path.relative_to(PACKAGE).parts}
+    ] == []
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        ("driveline/x.py", "from dctorque_can.pipeline.frames import Frames"),
+        ("driveline/x.py", "from ..pipeline import frames"),
+        ("estimators/x.py", "import time"),
+        ("estimators/x.py", "def f():\n    import can.message"),
+        ("pipeline/x.py", "from dctorque_can import bus"),
+        ("pipeline/x.py", "from dctorque_can import resources"),
+        ("pipeline/x.py", "open('x')"),
+        ("pipeline/x.py", "import numpy as np\nnp.random.default_rng()"),
+        ("bus/x.py", "from dctorque_can.pipeline.estimator import Estimator"),
+        ("logs/x.py", "import dctorque_can.bus.decoder"),
+        ("simulation/x.py", "from dctorque_can.estimators import design"),
+        ("config/x.py", "from dctorque_can.estimators.oh2014 import step"),
+        ("daemon/x.py", "from dctorque_can.cli import main"),
+        ("cli/x.py", "from dctorque_can.compiled import compiled"),
+        ("errors.py", "from dctorque_can.logs import reader"),
+    ],
+)
+def test_the_rules_catch(file: str, source: str) -> None:
+    assert len(violations(source, PACKAGE / file)) == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        (
+            "estimators/x.py",
+            "import math\nimport numpy as np\nfrom dctorque_can.driveline.parameters import Vehicle",
+        ),
+        ("pipeline/x.py", "from .frames import Frames\nfrom dctorque_can.compiled import compiled"),
+        ("config/x.py", "from dctorque_can.estimators.design import Oh2014Design"),
+        ("simulation/x.py", "from dctorque_can.pipeline import frames\nimport random"),
+    ],
+)
+def test_the_rules_allow(file: str, source: str) -> None:
+    assert violations(source, PACKAGE / file) == []
