@@ -1,4 +1,4 @@
-"""Physical parameters of a vehicle with a dual clutch transmission. SI units; no parameter has a silent default."""
+"""Physical parameters of a vehicle with a dual clutch transmission. SI units; none has a silent default."""
 
 from __future__ import annotations
 

@@ -22,6 +22,7 @@ class FrameFlag(IntFlag):
     REMOTE = 8
     ERROR = 16
     SENT = 32  # transmitted by us
+    TRANSMITTED = 64  # marked Tx by whatever recorded the log: an input like any other
 
 
 @dataclass(frozen=True, slots=True)

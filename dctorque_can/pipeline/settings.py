@@ -21,7 +21,7 @@ class DrivenAxle(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class GearInference:
-    """Gear of a shaft from its speed ratio to the driven wheels, with hysteresis; None in `Settings` = from signals."""
+    """Gear of a shaft from its speed ratio to the driven wheels, with hysteresis."""
 
     engage_tolerance: float  # relative error of the ratio below which a gear counts as engaged
     release_tolerance: float  # … above which it counts as released
@@ -36,7 +36,7 @@ class Settings:
     vehicle: Vehicle
     inputs: tuple[Input, ...]
     phases: PhaseSettings
-    gear_inference: GearInference | None
+    gear_inference: GearInference | None  # None: gears come from signals
     observer: Oh2014Design
     driven_axle: DrivenAxle
     step_us: int  # internal grid

@@ -1,0 +1,398 @@
+"""The individual clutch torque observer of Oh, Choi et al. (Mechatronics 2014), section 3.
+
+Equation numbers are the paper's. `right_hand_side` is the continuous observer (68) as printed. On a bus,
+speeds arrive as samples, so the same pieces run in sampled form: `predict` moves the model between frames, and
+each frame corrects it once with the poles that the continuous observer would have had over the time since the
+frame before (`sampled_gains`). For short sampling times both are the same; at 10 ms the sampled form adds no lag.
+
+Everything here is scalar and compiled; states and constants are records with the paper's symbols.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.compiled import compiled
+from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Vehicle
+from dctorque_can.estimators.design import Oh2014Design, RoadLoad
+
+MAX_GEAR = 15
+REFERENCE_ENGINE_SPEED = 200.0  # rad/s, at which γ_e gives the adaptation time
+REFERENCE_WHEEL_ACCELERATION = 5.0  # rad/s², at which γ_t gives the adaptation time
+MAX_WHEEL_ACCELERATION = 100.0  # rad/s², far beyond any tyre
+STANDSTILL = 0.3  # rad/s at the wheel
+PLAUSIBLE_WHEEL_SPEED = 5.0  # rad/s; slower wheels are too coarse to be compared with a shaft
+
+CONSTANTS = np.dtype(
+    [
+        ("J_e", "f8"),  # engine and damper inertia
+        ("J_c1", "f8"),
+        ("J_c2", "f8"),
+        ("J_v", "f8"),
+        ("k_t1", "f8"),
+        ("k_t2", "f8"),
+        ("i_t", "f8", (MAX_GEAR + 2,)),  # by gear number + 1; 0 where there is no such gear
+        ("i_f", "f8", (MAX_GEAR + 2,)),
+        ("J_g", "f8", (MAX_GEAR + 2,)),
+        ("shaft", "i8", (MAX_GEAR + 2,)),
+        ("efficiency", "f8"),  # of gear pair and final drive together
+        ("p_e", "f8"),  # double pole of the engine-side unknown input observer
+        ("p_s", "f8"),  # … of the clutch-side one
+        ("p_w", "f8"),  # … of the wheel acceleration filter
+        ("L", "f8"),  # L_1 = L_2
+        ("g_l", "f8"),  # γ_l
+        ("T_a", "f8"),  # adaptation time
+        ("T_road", "f8"),
+        ("road_load", "i8"),  # RoadLoad
+        ("gating", "?"),
+        ("printed_rate_law", "?"),
+        ("roll_nm", "f8"),  # r_w K_rr m_v g
+        ("drag_nm", "f8"),  # ½ ρ C_d A r_w³, times ω_w²
+    ],
+    align=True,
+)
+
+PAIR = np.dtype(
+    [
+        ("g1", "i8"),
+        ("g2", "i8"),
+        ("side", "i8"),  # shaft on which the clutch-side observer runs: 1, 2 (mirrored), 0 none
+        ("R_1", "f8"),
+        ("R_2", "f8"),
+        ("i_t1", "f8"),
+        ("i_t2", "f8"),
+        ("i_f1", "f8"),
+        ("i_f2", "f8"),
+        ("J_es", "f8"),  # J_e1 or J_e2, effective inertia at the side's shaft
+        ("R_s", "f8"),  # R_1 or R_2
+        ("D", "f8"),
+        ("g_e", "f8"),  # γ_e
+        ("g_t", "f8"),  # γ_t
+    ],
+    align=True,
+)
+"""What follows from the engaged gears alone."""
+
+STATE = np.dtype(
+    [
+        ("T_c1", "f8"),
+        ("T_c2", "f8"),
+        ("tau_e", "f8"),
+        ("tau_o", "f8"),
+        ("w_e", "f8"),
+        ("T_c", "f8"),
+        ("w_s", "f8"),  # ω_c1, or ω_c2 in the mirrored form
+        ("T_a", "f8"),  # T_a1, or T_a2 in the mirrored form
+        ("T_n", "f8"),  # known part of the output torque, at the wheel
+        ("w_w", "f8"),  # wheel speed filter
+        ("a_w", "f8"),  # wheel acceleration
+        ("T_c1_uio", "f8"),
+        ("T_c2_uio", "f8"),
+    ],
+    align=True,
+)
+"""The eight states of (68), the known road load, and the filter that gives the wheel acceleration."""
+
+
+def constants(vehicle: Vehicle, design: Oh2014Design) -> NDArray[np.void]:
+    """Return the `CONSTANTS` record ``[1]`` of a vehicle and a design."""
+    c = np.zeros(1, CONSTANTS)
+    chassis = vehicle.chassis
+    c["J_e"] = vehicle.engine_inertia_kgm2 + vehicle.damper.inertia_kgm2
+    c["J_c1"], c["J_c2"] = (shaft.inertia_kgm2 for shaft in vehicle.shafts)
+    c["k_t1"], c["k_t2"] = (shaft.transfer_stiffness_nm_per_rad for shaft in vehicle.shafts)
+    c["J_v"] = chassis.inertia_kgm2
+    for gear in vehicle.gears:
+        c["i_t"][0, gear.number + 1] = gear.ratio
+        c["i_f"][0, gear.number + 1] = gear.final_drive
+        c["J_g"][0, gear.number + 1] = gear.inertia_kgm2
+        c["shaft"][0, gear.number + 1] = gear.shaft
+    c["efficiency"] = vehicle.gear_efficiency * vehicle.final_drive_efficiency
+    c["p_e"] = design.engine_bandwidth_rad_s
+    c["p_s"] = design.shaft_bandwidth_rad_s
+    c["p_w"] = design.acceleration_bandwidth_rad_s
+    c["L"] = design.torque_crossover_rad_s
+    c["g_l"] = 1.0 / design.leakage_time_s
+    c["T_a"] = design.adaptation_time_s
+    c["T_road"] = design.road_load_time_s
+    c["road_load"] = design.road_load
+    c["gating"] = design.phase_gating
+    c["printed_rate_law"] = design.printed_rate_law
+    c["roll_nm"] = chassis.wheel_radius_m * chassis.rolling_resistance * chassis.mass_kg * STANDARD_GRAVITY
+    c["drag_nm"] = (
+        0.5 * AIR_DENSITY * chassis.drag_coefficient * chassis.frontal_area_m2 * chassis.wheel_radius_m**3
+    )
+    return c
+
+
+@compiled
+def set_pair(pair: Any, c: Any, g1: int, g2: int) -> None:
+    """Fill ``pair`` for gear ``g1`` on shaft 1 and ``g2`` on shaft 2; 0 is neutral."""
+    pair.g1 = g1
+    pair.g2 = g2
+    i_t1, i_f1, J_g1 = c.i_t[g1 + 1], c.i_f[g1 + 1], c.J_g[g1 + 1]
+    i_t2, i_f2, J_g2 = c.i_t[g2 + 1], c.i_f[g2 + 1], c.J_g[g2 + 1]
+    pair.i_t1, pair.i_f1, pair.R_1 = i_t1, i_f1, i_t1 * i_f1
+    pair.i_t2, pair.i_f2, pair.R_2 = i_t2, i_f2, i_t2 * i_f2
+    J_1 = c.J_c1 + J_g1
+    J_2 = c.J_c2 + J_g2
+    pair.D = 0.0
+    if g1 != 0:
+        pair.D += c.k_t1 * i_f1**2  # D = k_t1 i_f1² + k_t2 i_f2², engaged shafts only
+    if g2 != 0:
+        pair.D += c.k_t2 * i_f2**2
+    if g1 != 0:
+        pair.side = 1
+        pair.R_s = pair.R_1
+        pair.J_es = J_1 + (J_2 * (pair.R_2 / pair.R_1) ** 2 if g2 != 0 else 0.0)
+    elif g2 != 0:
+        pair.side = 2
+        pair.R_s = pair.R_2
+        pair.J_es = J_2
+    else:
+        pair.side = 0
+        pair.R_s = 1.0
+        pair.J_es = J_1
+    pair.g_e = 1.0 / (c.T_a * REFERENCE_ENGINE_SPEED**2)
+    pair.g_t = pair.R_s**2 / (c.T_a * REFERENCE_WHEEL_ACCELERATION**2)
+
+
+# --- the pieces of the observer, shared by the continuous and the sampled form ---
+
+
+@compiled
+def continuous_gains(p: float, J: float) -> tuple[float, float]:
+    """Return (l, l') that put both poles of s² + l s + l'/J at -p, as in (59), (60) and (63), (64)."""
+    return 2.0 * p, p**2 * J
+
+
+@compiled
+def sampled_gains(p: float, h: float) -> tuple[float, float]:
+    """Return the shares (α, β) of an innovation e that one sample, ``h`` seconds after the last, may correct.
+
+    The speed moves by α e, its rate by β e / h: both poles at exp(-p h), so α → l h, β → p² h² for small h.
+    """
+    z = math.exp(-p * h)
+    return 1.0 - z * z, (1.0 - z) ** 2
+
+
+@compiled
+def adaptation(pair: Any, w_e: float, a_w: float, eps_e: float, eps_o: float) -> tuple[float, float]:
+    """Return the driving terms of (52) and (53); the leakage is apart."""
+    return pair.g_e * w_e * eps_e, -pair.g_t * (a_w / pair.R_s) * eps_o
+
+
+@compiled
+def shaft_torque_rates(c: Any, pair: Any, w_c1: float, w_c2: float, dT_o: float) -> tuple[float, float]:
+    """Return the model's rates of both clutch torques, first term of (37) and (38), with ω_o from (36).
+
+    A shaft whose gear is not engaged obeys none of these and has left ``D``; its rate is zero.
+    """
+    if pair.D == 0.0:
+        return 0.0, 0.0
+    twist_1 = twist_2 = 0.0
+    if pair.g1 != 0:
+        twist_1 = w_c1 / pair.i_t1
+    if pair.g2 != 0:
+        twist_2 = w_c2 / pair.i_t2
+    w_o = (c.k_t1 * pair.i_f1 * twist_1 + c.k_t2 * pair.i_f2 * twist_2 - dT_o) / pair.D  # (36)
+    dT_c1 = dT_c2 = 0.0
+    if pair.g1 != 0:
+        dT_c1 = c.k_t1 / pair.i_t1 * (twist_1 - pair.i_f1 * w_o)  # (37)
+    if pair.g2 != 0:
+        dT_c2 = c.k_t2 / pair.i_t2 * (twist_2 - pair.i_f2 * w_o)  # (38)
+    return dT_c1, dT_c2
+
+
+@compiled
+def unknown_input_torques(
+    pair: Any, T_c: float, T_a: float, carries_1: bool, carries_2: bool
+) -> tuple[float, float]:
+    """Return both clutch torques from the unknown input observers.
+
+    (65), (66) when both clutches may carry torque; with one of them open the other carries everything.
+    """
+    if not carries_1 or not carries_2:
+        return (T_c if carries_1 else 0.0), (T_c if carries_2 else 0.0)
+    delta = pair.R_1 - pair.R_2
+    if pair.side == 1:
+        return (pair.R_1 * T_a - pair.R_2 * T_c) / delta, pair.R_1 * (T_c - T_a) / delta  # (65), (66)
+    return pair.R_2 * (T_a - T_c) / delta, (pair.R_1 * T_c - pair.R_2 * T_a) / delta  # mirrored
+
+
+@compiled
+def right_hand_side(
+    x: NDArray[np.float64],
+    c: Any,
+    pair: Any,
+    w_e: float,
+    w_c1: float,
+    w_c2: float,
+    a_w: float,
+    T_en: float,
+) -> NDArray[np.float64]:
+    """Return dX/dt of (68) for X = [T_c1, T_c2, τ_e, τ_o, ω_e, T_c, ω_c1, T_a1], both gears engaged, T_n = 0.
+
+    Args:
+        x: float64 ``[8]``.
+        c: `CONSTANTS` record.
+        pair: `PAIR` record.
+        w_e, w_c1, w_c2: measured speeds, rad/s.
+        a_w: wheel acceleration, rad/s².
+        T_en: nominal engine torque, N·m.
+    """
+    T_c1, T_c2, tau_e, tau_o, w_e_hat, T_c, w_c1_hat, T_a1 = x
+    l_1, l_2 = continuous_gains(c.p_e, c.J_e)
+    l_3, l_4 = continuous_gains(c.p_s, pair.J_es)
+    e_e = w_e - w_e_hat
+    e_o = w_c1 - w_c1_hat
+    eps_e = c.J_e * l_1 * e_e
+    eps_o = pair.J_es * l_3 * e_o
+    drive_e, drive_o = adaptation(pair, w_e, a_w, eps_e, eps_o)
+    if c.printed_rate_law:
+        _, rate_o = adaptation(pair, w_e, a_w, eps_e, eps_o + eps_e)
+    else:
+        rate_o = drive_o
+    # the leakage part of dT_o/dt enters (36) and is taken out again by the last term of (37), (38)
+    dT_c1, dT_c2 = shaft_torque_rates(c, pair, w_c1, w_c2, a_w * rate_o)
+    T_c1_uio, T_c2_uio = unknown_input_torques(pair, T_c, T_a1, True, True)
+    T_e = T_en + w_e * tau_e  # (46)
+    T_o = a_w * tau_o  # (47)
+    return np.array(
+        [
+            dT_c1 + c.L * (T_c1_uio - T_c1),  # (37)
+            dT_c2 + c.L * (T_c2_uio - T_c2),  # (38)
+            -c.g_l * tau_e + drive_e,  # (52)
+            c.g_l * (c.J_v - tau_o) + drive_o,  # (53), τ_on = J_v
+            (T_e - T_c) / c.J_e + l_1 * e_e,  # (59)
+            -l_2 * e_e,  # (60)
+            T_a1 / pair.J_es - T_o / (pair.J_es * pair.R_s) + l_3 * e_o,  # (63)
+            l_4 * e_o,  # (64)
+        ]
+    )
+
+
+# --- the sampled form ---
+
+
+@compiled
+def driving_loss(c: Any, s: Any) -> float:
+    """Return the factor from the torque at the wheels to the torque before gear and final drive losses."""
+    return 1.0 / c.efficiency if s.T_n + s.a_w * s.tau_o >= 0.0 else float(c.efficiency)
+
+
+@compiled
+def shaft_acceleration(s: Any, c: Any, pair: Any) -> float:
+    """Return the model's dω/dt of the side's shaft, (63) without innovation; rad/s²."""
+    if pair.side == 0:
+        return 0.0
+    T_o = driving_loss(c, s) * (s.T_n + s.a_w * s.tau_o)  # (47), before the losses
+    return float((s.T_a - T_o / pair.R_s) / pair.J_es)  # (63)
+
+
+@compiled
+def predict(s: Any, c: Any, pair: Any, T_en: float, dt: float) -> None:
+    """Move the model by ``dt`` seconds without any measurement."""
+    dw_s = shaft_acceleration(s, c, pair)
+    s.w_e += dt * (T_en + s.w_e * s.tau_e - s.T_c) / c.J_e  # (59)
+    s.w_s += dt * dw_s
+    s.w_w += dt * s.a_w
+    s.tau_e -= dt * c.g_l * s.tau_e  # (52)
+    s.tau_o += dt * c.g_l * (c.J_v - s.tau_o)  # (53)
+
+
+@compiled
+def correct_wheel(s: Any, c: Any, w_w: float, h: float) -> None:
+    """Take a wheel speed sample: second-order filter with the double pole p_w, gives dω_w/dt."""
+    alpha, beta = sampled_gains(c.p_w, h)
+    e = w_w - s.w_w
+    s.w_w += alpha * e
+    s.a_w = min(max(s.a_w + beta / h * e, -MAX_WHEEL_ACCELERATION), MAX_WHEEL_ACCELERATION)
+
+
+@compiled
+def correct_engine(s: Any, c: Any, pair: Any, w_e: float, h: float) -> None:
+    """Take an engine speed sample, ``h`` seconds after the last: (59), (60), (52)."""
+    alpha, beta = sampled_gains(c.p_e, h)
+    e = w_e - s.w_e
+    s.w_e += alpha * e
+    s.T_c -= c.J_e * beta / h * e  # (60)
+    impulse = c.J_e * alpha * e  # ∫ε_e dt
+    d_tau_e, _ = adaptation(pair, w_e, s.a_w, impulse, 0.0)
+    s.tau_e += d_tau_e
+    if c.printed_rate_law:
+        _, d_tau_o = adaptation(pair, w_e, s.a_w, 0.0, impulse)
+        add_shaft_torques(s, shaft_torque_rates(c, pair, 0.0, 0.0, s.a_w * d_tau_o))
+
+
+@compiled
+def correct_shaft(s: Any, c: Any, pair: Any, w_s: float, h: float) -> None:
+    """Take a sample of the side's shaft speed: (63), (64), (53)."""
+    alpha, beta = sampled_gains(c.p_s, h)
+    e = w_s - s.w_s
+    s.w_s += alpha * e
+    s.T_a += pair.J_es * beta / h * e  # (64)
+    _, d_tau_o = adaptation(pair, 0.0, s.a_w, 0.0, pair.J_es * alpha * e)
+    s.tau_o += d_tau_o
+    add_shaft_torques(s, shaft_torque_rates(c, pair, 0.0, 0.0, s.a_w * d_tau_o))
+
+
+@compiled
+def add_shaft_torques(s: Any, change: tuple[float, float]) -> None:
+    """Add the model's change of both clutch torques."""
+    s.T_c1 += change[0]
+    s.T_c2 += change[1]
+
+
+@compiled
+def settle(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, moving: bool, dt: float) -> None:
+    """Draw the clutch torques to the unknown input estimates (37), (38), and learn the road load, over ``dt``."""
+    s.T_c1_uio, s.T_c2_uio = unknown_input_torques(pair, s.T_c, s.T_a, carries_1, carries_2)
+    share = 1.0 - math.exp(-c.L * dt)
+    s.T_c1 = s.T_c1 + share * (s.T_c1_uio - s.T_c1) if carries_1 else 0.0
+    s.T_c2 = s.T_c2 + share * (s.T_c2_uio - s.T_c2) if carries_2 else 0.0
+    if c.road_load == RoadLoad.FLAT:
+        s.T_n = flat_road_load(c, s.w_w)
+    elif c.road_load == RoadLoad.LEARNED and moving and pair.side != 0 and not (carries_1 and carries_2):
+        # one clutch carries T_c alone, so T_a is known and what it misses belongs to the output torque
+        R_own = pair.R_1 if carries_1 else pair.R_2
+        T_a = s.T_c * R_own / pair.R_s if carries_1 or carries_2 else 0.0
+        error = pair.R_s / driving_loss(c, s) * (T_a - s.T_a)
+        s.T_n += (1.0 - math.exp(-dt / c.T_road)) * error
+
+
+@compiled
+def flat_road_load(c: Any, w_w: float) -> float:
+    """Return (11) without grade, N·m at the wheel, zero at standstill."""
+    if abs(w_w) < STANDSTILL:
+        return 0.0
+    return math.copysign(c.roll_nm + c.drag_nm * w_w * w_w, w_w)
+
+
+@compiled
+def change_gears(s: Any, c: Any, pair: Any, g1: int, g2: int, w_c1: float, w_c2: float) -> None:
+    """Take new gears: the clutch-side observer changes its shaft, the torques it stands for do not jump."""
+    set_pair(pair, c, g1, g2)
+    if pair.side == 1:
+        s.w_s = w_c1
+        s.T_a = s.T_c1 + (pair.R_2 / pair.R_1 * s.T_c2 if g2 != 0 else 0.0)  # (61)
+    elif pair.side == 2:
+        s.w_s = w_c2
+        s.T_a = s.T_c2
+    else:
+        s.T_a = 0.0
+
+
+@compiled
+def reset(s: Any, c: Any, w_e: float, w_s: float, w_w: float, T_en: float) -> None:
+    """Start anew at the measured speeds; no torque is assumed but the engine's own balance."""
+    s.T_c1 = s.T_c2 = s.T_a = s.T_c1_uio = s.T_c2_uio = 0.0
+    s.tau_e = 0.0
+    s.tau_o = c.J_v
+    s.w_e, s.w_s, s.w_w, s.a_w = w_e, w_s, w_w, 0.0
+    s.T_c = T_en
+    s.T_n = 0.0 if c.road_load == RoadLoad.NONE else flat_road_load(c, w_w)

@@ -1,0 +1,171 @@
+"""The estimator: samples in, estimates and health out. The same for live frames, logs and tests."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.driveline.parameters import Clutch, Vehicle
+from dctorque_can.driveline.phases import PhaseSource
+from dctorque_can.errors import DctorqueError
+from dctorque_can.estimators import oh2014
+from dctorque_can.pipeline import core
+from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
+from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity, Samples
+from dctorque_can.pipeline.settings import Settings
+
+SETTLING = 5.0  # time constants of the slowest part before an estimate counts as converged
+CAPACITY_MARGIN = 1.5  # an estimate beyond this multiple of the static capacity is limited and marked
+WIDEST = 1e6  # no input of any kind can be larger, rad/s, N·m, …
+SMALLEST_RATIO_STEP = 1e-3  # relative; closer total ratios of two shafts make (65), (66) singular
+
+
+class Estimator:
+    """Estimates both clutch torques from samples; its state depends on the samples alone.
+
+    Feeding a log at once, frame by frame or cut anywhere gives the same bits.
+
+    Args:
+        settings: vehicle, inputs and design.
+
+    Raises:
+        DctorqueError: two gears of different shafts have the same total ratio, or a gear number is too large.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        _refuse_singular_pairs(settings.vehicle)
+        self._rules = _rules(settings)
+        self._constants = oh2014.constants(settings.vehicle, settings.observer)
+        self._core = np.zeros(1, core.CORE)
+        for name in ("t_us", "estimate_us", "health_us", "implausible_us", "seen_us", "candidate_us"):
+            self._core[name] = core.NEVER
+        self._core["slip_small_us"] = core.NEVER
+        self._core["closed"] = True
+        self._state = np.zeros(1, oh2014.STATE)
+        self._pair = np.zeros(1, oh2014.PAIR)
+        self._health = np.zeros(1, HEALTH)
+        oh2014.set_pair(self._pair[0], self._constants[0], 0, 0)
+
+    def feed(self, samples: Samples) -> Estimates:
+        """Take samples in order of arrival and return the estimates that became due."""
+        rows = np.zeros(int(np.count_nonzero(samples.last)), ESTIMATE)
+        health = np.zeros(len(rows), HEALTH) if len(rows) < 64 else np.zeros(self._most(samples), HEALTH)
+        n_rows, n_health = core.run(
+            samples.t_us,
+            samples.quantity,
+            samples.value,
+            samples.status,
+            samples.last,
+            self._core,
+            self._rules,
+            self._state,
+            self._constants,
+            self._pair,
+            self._health,
+            rows,
+            health,
+        )
+        return Estimates(rows[:n_rows], health[:n_health])
+
+    def _most(self, samples: Samples) -> int:
+        """Return how many health rows the samples can give at most: one per change of period."""
+        periods = samples.t_us // int(self._rules["health_period_us"][0])
+        return int(np.count_nonzero(np.diff(periods))) + 2
+
+    @property
+    def health(self) -> NDArray[np.void]:
+        """`HEALTH` ``[1]``: the counters at the time of the last frame."""
+        row = np.zeros(1, HEALTH)
+        core.report(self._core[0], self._health[0], row[0])
+        return row
+
+
+def warm_up(settings: Settings) -> None:
+    """Compile everything that `Estimator.feed` needs, so that the first frame is as fast as the others."""
+    quantities = np.arange(N_QUANTITIES, dtype=np.uint8)
+    n = len(quantities)
+    Estimator(settings).feed(
+        Samples(np.zeros(n, np.int64), quantities, np.zeros(n), np.zeros(n, np.uint8), np.arange(n) == n - 1)
+    )
+
+
+def _rules(settings: Settings) -> NDArray[np.void]:
+    """Return the `core.RULES` record ``[1]``."""
+    rules = np.zeros(1, core.RULES)
+    r = rules[0]
+    r["minimum"][:], r["maximum"][:] = -WIDEST, WIDEST
+    for item in settings.inputs:
+        r["mapped"][item.quantity] = True
+        r["minimum"][item.quantity] = max(item.minimum, -WIDEST)
+        r["maximum"][item.quantity] = min(item.maximum, WIDEST)
+        r["timeout_us"][item.quantity] = item.timeout_us
+    design, phases, inference = settings.observer, settings.phases, settings.gear_inference
+    r["step_us"] = settings.step_us
+    r["estimate_period_us"] = settings.estimate_period_us
+    r["health_period_us"] = settings.health_period_us
+    r["max_gap_us"] = settings.max_gap_us
+    r["max_step_back_us"] = settings.max_step_back_us
+    slowest = min(
+        design.engine_bandwidth_rad_s,
+        design.shaft_bandwidth_rad_s,
+        design.torque_crossover_rad_s,
+        design.acceleration_bandwidth_rad_s,
+    )
+    r["settling_us"] = int(SETTLING / slowest * 1e6)
+    r["driven_axle"] = settings.driven_axle
+    if inference is not None:
+        r["infer_gears"] = True
+        r["engage_tolerance"] = inference.engage_tolerance
+        r["release_tolerance"] = inference.release_tolerance
+        r["confirm_us"] = inference.confirm_us
+        r["min_wheel_speed"] = inference.min_wheel_speed_rad_s
+    else:
+        r["min_wheel_speed"] = oh2014.PLAUSIBLE_WHEEL_SPEED
+    for i, clutch in enumerate(phases.clutches):
+        closes = clutch.closes_increasing or clutch.source is not PhaseSource.POSITION
+        sign = 1.0 if closes else -1.0
+        r["phase_source"][i] = clutch.source
+        r["closing_sign"][i] = sign
+        r["closed_above"][i] = sign * clutch.threshold + 0.5 * clutch.hysteresis
+        r["open_below"][i] = sign * clutch.threshold - 0.5 * clutch.hysteresis
+    r["slip_locked"] = phases.slip_locked_rad_s
+    r["slip_released"] = phases.slip_released_rad_s
+    r["lock_time_us"] = phases.lock_time_us
+    limits = [CAPACITY_MARGIN * _static_capacity(clutch) for clutch in settings.vehicle.clutches]
+    r["torque_limit"] = limits
+    r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
+    r["sub_observer"] = design.sub_observer
+    return rules
+
+
+def _static_capacity(clutch: Clutch) -> float:
+    """Return the largest static torque capacity, N·m."""
+    return clutch.surfaces * clutch.friction_static * clutch.effective_radius_m * clutch.max_normal_force_n
+
+
+def _refuse_singular_pairs(vehicle: Vehicle) -> None:
+    """Raise if some pair of gears cannot be told apart by (65), (66)."""
+    wrong = [
+        f"gear {g.number} (shaft {g.shaft}): numbers go up to {oh2014.MAX_GEAR}"
+        for g in vehicle.gears
+        if not -1 <= g.number <= oh2014.MAX_GEAR or g.number == 0
+    ]
+    for one, two in product(vehicle.gears_on(1), vehicle.gears_on(2)):
+        if abs(one.total_ratio - two.total_ratio) < SMALLEST_RATIO_STEP * abs(one.total_ratio):
+            wrong.append(
+                f"gears {one.number} and {two.number} have the same total ratio {one.total_ratio:g}: "
+                "with both engaged the two clutch torques cannot be told apart"
+            )
+    if wrong:
+        raise DctorqueError("vehicle: " + "; ".join(wrong))
+
+
+REQUIRED = (
+    Quantity.ENGINE_SPEED,
+    Quantity.ENGINE_TORQUE,
+    Quantity.SHAFT1_SPEED,
+    Quantity.SHAFT2_SPEED,
+)
+"""Inputs without which there is no estimate; besides, at least one wheel speed and the gears."""
