@@ -1,0 +1,104 @@
+"""python-can messages to frame columns and back; the one place where float seconds become integer µs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import can
+import numpy as np
+from can.typechecking import Channel
+from can.util import channel2int
+
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+
+MAX_T_US = 9_000_000_000_000_000_000
+ID_MASK = 0x1FFF_FFFF
+
+
+class ChannelNumbers:
+    """Numbers the channels of one log: ``can1`` and ``1`` become 1, other names the lowest free number.
+
+    Attributes:
+        names: channel as the log calls it, to its index in ``Frames.channel``.
+    """
+
+    def __init__(self) -> None:
+        self.names: dict[Channel | None, int] = {}
+
+    def __getitem__(self, channel: Channel | None) -> int:
+        """Return the index of ``channel``; 0 for None. Two names never share an index (up to 255)."""
+        known = self.names.get(channel)
+        if known is not None:
+            return known
+        wanted = 0 if channel is None else channel2int(channel)
+        taken = set(self.names.values()) if isinstance(channel, str) else set()
+        if wanted is None or wanted in taken:
+            wanted = next((number for number in range(255) if number not in taken), 255)
+        self.names[channel] = min(max(wanted, 0), 255)
+        return self.names[channel]
+
+
+def frames_from_messages(messages: Sequence[can.Message], channel: int | ChannelNumbers = 0) -> Frames:
+    """Return ``messages`` as columns, in their order.
+
+    Args:
+        messages: as a bus or a log reader of python-can gives them; seconds are rounded to µs here.
+        channel: index of the bus they were seen on, or the numbering of a log with several buses.
+
+    The length of a remote frame is the one asked for, of any other frame the bytes that are there.
+    Of data longer than 64 bytes the first 64 count.
+    """
+    n = len(messages)
+    payloads = [b"" if m.is_remote_frame else bytes(m.data[:64]) for m in messages]
+    longest = max(map(len, payloads), default=0)
+    width = 8 if longest <= 8 else 64
+    frames = Frames.empty(n, width)
+    seconds = np.array([m.timestamp for m in messages], np.float64)
+    microseconds = np.nan_to_num(np.rint(seconds * 1e6), nan=0.0)
+    frames.t_us[:] = np.clip(microseconds, -MAX_T_US, MAX_T_US).astype(np.int64)
+    frames.can_id[:] = [(m.arbitration_id & ID_MASK) | (EXTENDED_ID if m.is_extended_id else 0) for m in messages]
+    frames.length[:] = [
+        min(max(m.dlc, 0), 64) if m.is_remote_frame else len(payload)
+        for m, payload in zip(messages, payloads, strict=True)
+    ]
+    frames.flags[:] = [_flags(m) for m in messages]
+    if isinstance(channel, ChannelNumbers):
+        frames.channel[:] = [channel[m.channel] for m in messages]
+    else:
+        frames.channel[:] = channel
+    joined = b"".join([payload.ljust(width, b"\0") for payload in payloads])
+    frames.data[:] = np.frombuffer(joined, np.uint8).reshape(n, width)
+    return frames
+
+
+def message_from_frame(frames: Frames, i: int) -> can.Message:
+    """Return frame ``i`` for python-can, its channel as a number; exact to the µs until the year 2041."""
+    flags = int(frames.flags[i])
+    can_id = int(frames.can_id[i])
+    length = int(frames.length[i])
+    remote = bool(flags & FrameFlag.REMOTE)
+    return can.Message(
+        timestamp=int(frames.t_us[i]) / 1e6,
+        arbitration_id=can_id & ID_MASK,
+        is_extended_id=bool(can_id & EXTENDED_ID),
+        is_remote_frame=remote,
+        is_error_frame=bool(flags & FrameFlag.ERROR),
+        channel=int(frames.channel[i]),
+        dlc=length,
+        data=None if remote else frames.data[i, :length].tobytes(),
+        is_fd=bool(flags & FrameFlag.FD),
+        is_rx=not flags & (FrameFlag.SENT | FrameFlag.TRANSMITTED),
+        bitrate_switch=bool(flags & FrameFlag.BITRATE_SWITCH),
+        error_state_indicator=bool(flags & FrameFlag.ERROR_STATE),
+    )
+
+
+def _flags(message: can.Message) -> int:
+    return (
+        FrameFlag.FD.value * message.is_fd
+        | FrameFlag.BITRATE_SWITCH.value * message.bitrate_switch
+        | FrameFlag.ERROR_STATE.value * message.error_state_indicator
+        | FrameFlag.REMOTE.value * message.is_remote_frame
+        | FrameFlag.ERROR.value * message.is_error_frame
+        | FrameFlag.TRANSMITTED.value * (not message.is_rx)
+    )
