@@ -53,7 +53,7 @@ TRUTH = np.dtype(
     ],
     align=True,
 )
-"""One instant of a simulated drive. Units are in the names; torque is positive from the engine to the wheels."""
+"""One instant of a simulated drive. Units are in the names; torque is positive from engine to wheels."""
 
 _HEAT = (
     "clutch1_heat_j",
