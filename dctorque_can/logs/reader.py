@@ -1,0 +1,134 @@
+"""One reader for every log: the suffix says the format, the content must agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.mcap_reader import McapFrames
+from dctorque_can.logs.python_can import PythonCanFrames
+from dctorque_can.pipeline.frames import Frames
+
+FORMATS = (".asc", ".blf", ".log", ".trc", ".csv", ".mf4", ".mcap")
+TEXT_FORMATS = (".asc", ".log", ".trc", ".csv")
+_MAGIC = {b"LOGG": ".blf", b"\x89MCAP": ".mcap", b"MDF ": ".mf4", b"UnFinMF ": ".mf4", b"\x1f\x8b": ".gz"}
+_BINARY_FORMATS = (".blf", ".mcap", ".mf4")
+
+
+class FrameSource(Protocol):
+    """What the reader of one format gives; `problems` grows and `fraction` goes to 1 while frames are read."""
+
+    documents: dict[str, bytes]
+    metadata: dict[str, dict[str, str]]
+
+    @property
+    def problems(self) -> list[str]:
+        """What could not be read, one line each."""
+
+    @property
+    def fraction(self) -> float:
+        """Share of the file that has been read."""
+
+    def frames(self) -> Iterator[Frames]:
+        """Yield the frames in batches of any size."""
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+class LogReader:
+    """A log opened for reading, once through. Made by `open_log`.
+
+    Attributes:
+        path: the file.
+        documents: attachments of an MCAP by name (configuration, databases); else empty.
+        metadata: named sets of words of an MCAP; else empty.
+    """
+
+    def __init__(self, path: Path, source: FrameSource) -> None:
+        self.path = path
+        self.documents = source.documents
+        self.metadata = source.metadata
+        self._source = source
+
+    @property
+    def problems(self) -> list[str]:
+        """What could not be read (truncated, corrupt places), one line each; complete after `frames`."""
+        return self._source.problems
+
+    @property
+    def fraction(self) -> float:
+        """Share of the file that has been read, 0 to 1."""
+        return self._source.fraction
+
+    def frames(self, batch: int = 100_000) -> Iterator[Frames]:
+        """Yield the frames in the order of the file, ``batch`` at a time (the last time fewer).
+
+        Times are µs: since 1970, or since the start of the log where the format says no more (ASC).
+        Everything whole is yielded, whatever surrounds it; what was left out is in `problems`.
+        """
+        waiting: list[Frames] = []
+        count = 0
+        for part in self._source.frames():
+            waiting.append(part)
+            count += len(part)
+            if count >= batch:
+                joined = Frames.concatenate(waiting)
+                whole = count - count % batch
+                for start in range(0, whole, batch):
+                    yield joined[start : start + batch]
+                waiting, count = [joined[whole:]], count - whole
+        if count:
+            yield Frames.concatenate(waiting)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._source.close()
+
+
+def open_log(path: Path | str) -> LogReader:
+    """Open a log: .asc, .blf, .log (candump), .trc, .csv, .mf4, .mcap, or gzipped text such as .asc.gz.
+
+    Raises:
+        LogReadError: no such file, no such format, empty, or its content is not what its suffix says.
+    """
+    path = Path(path)
+    suffix = _checked_suffix(path)
+    if suffix == ".mcap":
+        return LogReader(path, McapFrames(path))
+    return LogReader(path, PythonCanFrames(path))
+
+
+def _checked_suffix(path: Path) -> str:
+    known = ", ".join(FORMATS) + " (text ones also with .gz)"
+    if path.is_dir():
+        raise LogReadError(f"{path}: is a directory; give one log file: {known}")
+    if not path.exists():
+        raise LogReadError(f"{path}: there is no such file")
+    suffixes = [suffix.lower() for suffix in path.suffixes[-2:]]
+    zipped = suffixes[-1:] == [".gz"]
+    suffix = (suffixes[0] if len(suffixes) == 2 else "") if zipped else (suffixes or [""])[-1]
+    if suffix not in (TEXT_FORMATS if zipped else FORMATS):
+        raise LogReadError(f"{path}: the suffix says no known log format; known are {known}")
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise LogReadError(f"{path}: can not be read: {error.strerror}") from error
+    if not head:
+        raise LogReadError(f"{path}: is empty")
+    content = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), "")
+    expected = ".gz" if zipped else suffix
+    if content != expected and (content or expected in (*_BINARY_FORMATS, ".gz")):
+        hint = f"; its content is {content}: rename it" if content else ""
+        raise LogReadError(f"{path}: is no {expected} file{hint}")
+    if not zipped and suffix in TEXT_FORMATS and b"\0" in head:
+        raise LogReadError(f"{path}: is no {suffix} file: it is not text")
+    return suffix
