@@ -79,19 +79,17 @@ class Document:
         """Return the value at ``path``, or None."""
         value: Any = self.data
         for step in path:
-            if isinstance(value, dict) and step in value:
-                value = value[step]
-            elif isinstance(value, list) and isinstance(step, int) and step < len(value):
-                value = value[step]
-            else:
+            in_list = isinstance(value, list) and isinstance(step, int) and step < len(value)
+            if not in_list and not (isinstance(value, dict) and step in value):
                 return None
+            value = value[step]
         return value
 
     def problem(self, path: KeyPath, reason: str, *, warning: bool = False) -> Problem:
         """Return a problem at ``path`` with its place and value filled in."""
         file, line = self.place(path)
         value = self.value(path)
-        text = "" if value is None or isinstance(value, dict | list) and not value else shown(value)
+        text = "" if value in (None, {}, []) else shown(value)
         return Problem(file, line, dotted(path), text, reason, "warning" if warning else "error")
 
 
@@ -142,6 +140,7 @@ class _Builder:
     def __init__(self, document: Document, loader: _Loader):
         self._document = document
         self._loader = loader
+        self._flat: list[yaml.Node] = []  # mappings whose merges have been resolved, in place
 
     def build(self, node: yaml.Node, path: KeyPath, above: tuple[yaml.Node, ...]) -> Any:
         if any(node is ancestor for ancestor in above):
@@ -164,37 +163,41 @@ class _Builder:
 
     def _pairs(self, node: yaml.MappingNode, path: KeyPath) -> Iterator[tuple[str | int, yaml.Node]]:
         """Yield the pairs of a mapping, merged ones (``<<``) first."""
-        first: dict[str | int, int] = {}
-        for key_node, _ in node.value:
-            key = self._key(key_node, path)
-            if key is None or key_node.tag == MERGE:
-                continue
-            line = key_node.start_mark.line + 1
-            if key in first:
-                self._complain(key_node, (*path, key), f"the key is given twice, first in line {first[key]}")
-            first.setdefault(key, line)
-        try:
-            self._loader.flatten_mapping(node)
-        except yaml.MarkedYAMLError as error:
-            self._complain(node, path, str(error.problem))
-            return
+        if not any(node is flat for flat in self._flat):
+            self._find_duplicates(node, path)
+            try:
+                self._loader.flatten_mapping(node)
+            except yaml.MarkedYAMLError as error:
+                self._complain(node, path, str(error.problem))
+                return
+            self._flat.append(node)
         for key_node, value in node.value:
-            key = self._key(key_node, path, quiet=True)
+            key = self._key(key_node)
             if key is not None:
                 self._document.places[*path, key] = (self._document.name, key_node.start_mark.line + 1)
                 yield key, value
 
-    def _key(self, node: yaml.Node, path: KeyPath, quiet: bool = False) -> str | int | None:
-        key = self._loader.construct_object(node) if isinstance(node, yaml.ScalarNode) else None
-        if isinstance(key, str | int) and not isinstance(key, bool):
-            return key
-        if not quiet:
-            self._complain(node, path, "a key must be a word or a whole number")
-        return None
+    def _find_duplicates(self, node: yaml.MappingNode, path: KeyPath) -> None:
+        first: dict[str | int, int] = {}
+        for key_node, _ in node.value:
+            key = self._key(key_node)
+            if key is None and key_node.tag != MERGE:
+                self._complain(key_node, path, "a key must be a word or a whole number")
+            elif key in first:
+                self._complain(key_node, (*path, key), f"the key is given twice, first in line {first[key]}")
+            elif key is not None:
+                first[key] = key_node.start_mark.line + 1
+
+    def _key(self, node: yaml.Node) -> str | int | None:
+        """Return a key, or None for a merge and for what cannot be a key."""
+        if not isinstance(node, yaml.ScalarNode) or node.tag not in (_TAG + "str", _TAG + "int"):
+            return None
+        key = self._loader.construct_object(node)
+        return key if isinstance(key, str | int) else None
 
     def _complain(self, node: yaml.Node, path: KeyPath, reason: str) -> None:
-        line = node.start_mark.line + 1
-        value = str(node.value) if isinstance(node, yaml.ScalarNode) and node.value != str(path[-1:]) else ""
+        value = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
         if path and value == str(path[-1]):
-            value = ""
+            value = ""  # the key itself is shown already
+        line = node.start_mark.line + 1
         self._document.problems.append(Problem(self._document.name, line, dotted(path), value, reason))

@@ -1,0 +1,231 @@
+"""From the sections of a vehicle file to the settings of the estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cantools.database.can import Database
+
+from dctorque_can.config.document import Document
+from dctorque_can.config.estimation import (
+    GEAR_SOURCES,
+    PHASE_SOURCES,
+    EstimatorSection,
+    GearsFromRatio,
+    PhaseFromCommand,
+    PhaseFromFlag,
+    PhaseFromPosition,
+    microseconds,
+)
+from dctorque_can.config.inputs import QUANTITY_AT, InputBuilder, InputEntry, InputsSection
+from dctorque_can.config.plausibility import gear_doubts, gear_map_doubts, inference_doubts
+from dctorque_can.config.problems import KeyPath
+from dctorque_can.config.section import S, nearest, sound_parts, validate
+from dctorque_can.config.signals import (
+    CommandSection,
+    FlagSection,
+    GearSignalSection,
+    InputSection,
+    PositionSection,
+    ProtectionSection,
+)
+from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear, gear_number
+from dctorque_can.driveline.parameters import Gear
+from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
+from dctorque_can.pipeline.samples import Protection, Quantity
+from dctorque_can.pipeline.settings import DrivenAxle, GearInference, Settings
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What `build_parts` gives."""
+
+    settings: Settings
+    protections: tuple[Protection, ...]
+    entries: tuple[InputEntry, ...]
+
+
+def build_parts(document: Document, database: Database | None) -> Parts | None:
+    """Build settings, inputs and protections; every error goes to ``document.problems``.
+
+    Whatever is sound is checked further although something else has errors, so that one run shows all of them.
+
+    Returns:
+        None when there was an error.
+    """
+    vehicle = _section(document, ("vehicle",), VehicleSection)
+    gears = _gears(document)
+    radius = document.value(("vehicle", "chassis", "wheel_radius_m"))
+    sound_radius = (
+        radius if isinstance(radius, int | float) and not isinstance(radius, bool) and radius > 0 else 1.0
+    )
+    builder = InputBuilder(document, database, sound_radius)
+    _inputs(document, builder)
+    inference = _gear_source(document, builder, gears)
+    phases = _clutch_phase(document, builder)
+    estimator = validate(document, ("estimator",), EstimatorSection)
+    protections = _protections(document, builder)
+    _note_missing_axle(document, builder, vehicle)
+    errors = any(problem.severity == "error" for problem in document.problems)
+    if errors or vehicle is None or estimator is None or phases is None:
+        return None
+    settings = Settings(
+        vehicle=vehicle.build(),
+        inputs=tuple(entry.input for entry in builder.entries),
+        phases=phases,
+        gear_inference=inference,
+        observer=estimator.oh2014.build(),
+        driven_axle=vehicle.axle,
+        step_us=microseconds(estimator.step_ms),
+        estimate_period_us=microseconds(estimator.period_ms),
+        health_period_us=microseconds(estimator.health_period_ms),
+        max_gap_us=microseconds(estimator.max_gap_ms),
+        max_step_back_us=microseconds(estimator.max_step_back_ms),
+    )
+    return Parts(settings, protections, tuple(builder.entries))
+
+
+def _section(document: Document, path: KeyPath, model: type[S]) -> S | None:
+    """Validate a required section; a missing one is reported elsewhere, in one line."""
+    return validate(document, path, model) if document.value(path) else None
+
+
+def _gears(document: Document) -> dict[int, Gear]:
+    """Return the sound gears of the vehicle, and report what is implausible about them."""
+    places: dict[KeyPath, Gear] = {}
+    for path, part in sound_parts(VehicleSection, document.value(("vehicle",)), ("vehicle",)):
+        if isinstance(part, GearSection):
+            try:
+                places[path] = build_gear(gear_number(path[-1]), part)
+            except ValueError:
+                continue  # a gear of no valid number has been reported by the vehicle's own validation
+    gears: dict[int, Gear] = {}
+    for path, gear in places.items():
+        if gear.number in gears:
+            document.problems.append(document.problem(path, "reverse is given twice"))
+        gears[gear.number] = gear
+    if len(gears) == len(document.value(("vehicle", "gears")) or ()):
+        for doubt in gear_doubts(places) if gears else ():
+            document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
+    return gears
+
+
+def _inputs(document: Document, builder: InputBuilder) -> None:
+    path: KeyPath = ("inputs",)
+    _section(document, path, InputsSection)
+    for at, part in sound_parts(InputsSection, document.value(path), path):
+        quantity = QUANTITY_AT.get(at[1:])
+        if quantity is not None and isinstance(part, InputSection) and not list(part.contradictions()):
+            builder.add(at, quantity, part)
+
+
+def _gear_source(document: Document, builder: InputBuilder, gears: dict[int, Gear]) -> GearInference | None:
+    path: KeyPath = ("gears",)
+    model = _model_of_source(document, path, GEAR_SOURCES)
+    if model is None:
+        return None
+    section = validate(document, path, model)
+    if isinstance(section, GearsFromRatio):
+        for doubt in inference_doubts(section, gears):
+            document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
+        return section.build()
+    for at, part in sound_parts(model, document.value(path), path):
+        if isinstance(part, GearSignalSection):
+            shaft = 1 if at[-1] == "shaft1" else 2
+            quantity = Quantity.GEAR1 if shaft == 1 else Quantity.GEAR2
+            values = {raw: float(gear) for raw, gear in part.values.items()}
+            builder.add_mapped(at, quantity, part.signal, values, part.timeout_ms)
+            for doubt in gear_map_doubts(at, shaft, part, gears) if gears else ():
+                document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
+    return None
+
+
+def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | None:
+    path: KeyPath = ("clutch_phase",)
+    model = _model_of_source(document, path, PHASE_SOURCES)
+    if model is None:
+        return None
+    section = validate(document, path, model)
+    for at, part in sound_parts(model, document.value(path), path):
+        if at != path and not list(part.contradictions()):
+            _clutch_input(builder, at, 0 if at[-1] == "clutch1" else 1, part)
+    if not isinstance(section, PhaseFromPosition | PhaseFromFlag | PhaseFromCommand):
+        return None
+    return PhaseSettings(
+        clutches=(_actuation(section.clutch1), _actuation(section.clutch2)),
+        slip_locked_rad_s=section.slip_locked_rad_s,
+        slip_released_rad_s=section.slip_released_rad_s,
+        lock_time_us=microseconds(section.lock_time_ms),
+    )
+
+
+def _clutch_input(builder: InputBuilder, path: KeyPath, index: int, section: object) -> None:
+    if isinstance(section, PositionSection):
+        builder.add(path, Quantity(Quantity.CLUTCH1_POSITION + index), section)
+    elif isinstance(section, CommandSection):
+        builder.add(path, Quantity(Quantity.CLUTCH1_COMMAND + index), section)
+    elif isinstance(section, FlagSection):
+        values = {raw: float(state == "open") for raw, state in section.values.items()}
+        builder.add_mapped(
+            path, Quantity(Quantity.CLUTCH1_OPEN + index), section.signal, values, section.timeout_ms
+        )
+
+
+def _actuation(section: PositionSection | FlagSection | CommandSection) -> ClutchActuation:
+    match section:
+        case PositionSection():
+            increasing = section.closes == "increasing"
+            return ClutchActuation(PhaseSource.POSITION, section.kissing_point, section.hysteresis, increasing)
+        case CommandSection():
+            return ClutchActuation(PhaseSource.COMMAND, section.threshold_nm, section.hysteresis_nm)
+        case FlagSection():
+            return ClutchActuation(PhaseSource.FLAG, 0.0, 0.0)
+
+
+def _model_of_source(document: Document, path: KeyPath, models: dict[str, type[S]]) -> type[S] | None:
+    """Return the model that the key `source` of a section chooses."""
+    section = document.value(path)
+    if not section:
+        return None
+    source = section.get("source") if isinstance(section, dict) else None
+    if isinstance(source, str) and source in models:
+        return models[source]
+    at = (*path, "source")
+    if isinstance(section, dict) and source is None:
+        document.problems.append(document.problem(at, f"missing: one of {', '.join(models)}"))
+    elif source is None:
+        document.problems.append(document.problem(path, "must be a mapping of keys to values"))
+    else:
+        document.problems.append(document.problem(at, "unknown source" + nearest(str(source), models)))
+    return None
+
+
+def _protections(document: Document, builder: InputBuilder) -> tuple[Protection, ...]:
+    path: KeyPath = ("protection",)
+    section = document.value(path)
+    if section is not None and not isinstance(section, dict):
+        document.problems.append(document.problem(path, "must be a mapping of message names"))
+        return ()
+    protections = []
+    for message in section or {}:
+        at = (*path, message)
+        protection = validate(document, at, ProtectionSection)
+        if protection is not None:
+            protections.append(builder.protect(at, str(message), protection))
+    return tuple(protections)
+
+
+def _note_missing_axle(document: Document, builder: InputBuilder, vehicle: VehicleSection | None) -> None:
+    """Warn when the wheels of one axle have to stand in for the other."""
+    wheels = {Quantity.WHEEL_SPEED_FL, Quantity.WHEEL_SPEED_FR}, {Quantity.WHEEL_SPEED_RL, Quantity.WHEEL_SPEED_RR}
+    given = {entry.input.quantity for entry in builder.entries}
+    if vehicle is None or vehicle.axle is DrivenAxle.ALL or not given & (wheels[0] | wheels[1]):
+        return
+    driven, undriven = wheels if vehicle.axle is DrivenAxle.FRONT else wheels[::-1]
+    path: KeyPath = ("inputs", "wheel_speeds")
+    if not given & undriven:
+        reason = "no undriven wheel: the driven ones stand in, and their slip disturbs the output torque"
+        document.problems.append(document.problem(path, reason, warning=True))
+    if not given & driven:
+        reason = "no driven wheel: the undriven ones stand in where gears are inferred and checked"
+        document.problems.append(document.problem(path, reason, warning=True))

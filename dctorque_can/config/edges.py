@@ -1,0 +1,113 @@
+"""The `can:`, `output:` and `logging:` sections: what the service connects to. These have defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cantools.database.can import Database
+from pydantic import Field
+
+from dctorque_can.config.problems import KeyPath
+from dctorque_can.config.section import Section
+
+LAST_STANDARD_ID = 0x7FF
+LAST_EXTENDED_ID = 0x1FFF_FFFF
+
+
+class CanSection(Section):
+    """The bus, in the words of python-can."""
+
+    interface: str = "socketcan"
+    """Interface of python-can, such as socketcan, pcan, vector, virtual."""
+    channel: str | int = "can0"
+    """Channel of the interface, such as can0."""
+    bitrate: Annotated[int, Field(ge=1_000, le=10_000_000)] | None = None
+    """Bit rate, 1/s; default: as the interface is set up."""
+    fd: bool = False
+    """Receive CAN FD frames too."""
+    data_bitrate: Annotated[int, Field(ge=1_000, le=20_000_000)] | None = None
+    """Bit rate of the data phase of CAN FD, 1/s."""
+    receive_own_messages: bool = False
+    """Also receive what this node sends (never used for estimates, but logged)."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """Further arguments of python-can's Bus for this interface, passed as they are."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        for name in self.options:
+            if name in CanSection.model_fields:
+                yield ("options", name), f"has a key of its own: can.{name}"
+        if self.data_bitrate is not None and not self.fd:
+            yield ("data_bitrate",), "needs fd: true"
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the keyword arguments of ``can.Bus``; what was not given is left to the interface."""
+        given = {name: value for name, value in dict(self).items() if name not in ("options", "fd")}
+        arguments = {name: value for name, value in given.items() if value is not None}
+        return arguments | ({"fd": True} if self.fd else {}) | self.options
+
+
+class OutputSection(Section):
+    """The estimates on the bus."""
+
+    enabled: bool = False
+    """Send the estimates on the bus."""
+    database: str | None = None
+    """DBC of the messages to be sent, relative to this file; default: the dctorque.dbc that ships."""
+    ids: dict[str, Annotated[int, Field(ge=0, le=LAST_EXTENDED_ID)]] = Field(default_factory=dict)
+    """Message name to arbitration id, instead of the DBC's; ids above 0x7FF are extended (29 bit)."""
+
+
+class LoggingSection(Section):
+    """The MCAP log."""
+
+    enabled: bool = True
+    """Write a log."""
+    directory: str = "logs"
+    """Where logs are written, relative to the working directory."""
+    flush_ms: Annotated[float, Field(ge=10, le=60_000)] = 200.0
+    """A killed process loses at most this much, ms."""
+    rotate_mb: Annotated[float, Field(gt=0)] | None = 1000.0
+    """Begin a new file at this size, MB; null: never."""
+    rotate_s: Annotated[float, Field(gt=0)] | None = 3600.0
+    """Begin a new file after this time, s; null: never."""
+    keep_mb: Annotated[float, Field(gt=0)] | None = None
+    """Delete the oldest logs of the directory beyond this total, MB; null: keep all."""
+    frames: bool = True
+    """Log every CAN frame."""
+    signals: bool = False
+    """Log the decoded signals of every DBC message."""
+    estimates: bool = True
+    """Log estimates and health."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.keep_mb is not None and (self.rotate_mb is None or self.rotate_mb > self.keep_mb):
+            yield ("keep_mb",), "must be at least rotate_mb, or nothing could ever be deleted"
+
+
+class DatabaseSection(Section):
+    """One DBC."""
+
+    file: str
+    """Path of the DBC, relative to this file."""
+    strict: bool = True
+    """false: accept overlapping signals and signals beyond the end of a message."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputSettings:
+    """What is sent on the bus.
+
+    Attributes:
+        enabled: whether anything is sent.
+        path: where the DBC came from.
+        database: the messages to be sent.
+        ids: message name to arbitration id, where it differs from the DBC; above 0x7FF extended.
+    """
+
+    enabled: bool
+    path: Path
+    database: Database
+    ids: dict[str, int]

@@ -1,0 +1,187 @@
+"""The `gears:`, `clutch_phase:` and `estimator:` sections.
+
+The design numbers of the observer have their defaults here and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from dctorque_can.config.problems import KeyPath
+from dctorque_can.config.section import Section
+from dctorque_can.config.signals import CommandSection, FlagSection, GearSignalSection, PositionSection
+from dctorque_can.estimators.design import Oh2014Design, RoadLoad, SubObserver
+from dctorque_can.pipeline.settings import GearInference
+
+FASTEST_POLE = 0.5  # bandwidth · step; beyond it a discrete observer no longer behaves as designed
+
+Bandwidth = Annotated[float, Field(gt=0, le=2000)]
+Seconds = Annotated[float, Field(gt=0, le=600)]
+Milliseconds = Annotated[float, Field(gt=0, le=60_000)]
+
+
+class GearsFromSignals(Section):
+    """The gear of each shaft comes from a signal."""
+
+    source: Literal["signals"]
+    """Where the gears come from: signals or ratio."""
+    shaft1: GearSignalSection
+    """Gear engaged on input shaft 1."""
+    shaft2: GearSignalSection
+    """Gear engaged on input shaft 2."""
+
+
+class GearsFromRatio(Section):
+    """The gear of each shaft is inferred from the ratio of its speed to the driven wheels' speed."""
+
+    source: Literal["ratio"]
+    """Where the gears come from: signals or ratio."""
+    engage_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.03
+    """Relative error of the ratio below which a gear counts as engaged."""
+    release_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.06
+    """Relative error of the ratio above which it counts as released."""
+    confirm_ms: Milliseconds = 50.0
+    """For how long the ratio must fit, ms."""
+    min_wheel_speed_rad_s: Annotated[float, Field(gt=0)] = 3.0
+    """Slower than this the last gear is kept, rad/s of the wheel."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.release_tolerance <= self.engage_tolerance:
+            yield ("release_tolerance",), f"must be more than engage_tolerance ({self.engage_tolerance:g})"
+
+    def build(self) -> GearInference:
+        """Return the inference as the estimator knows it."""
+        return GearInference(
+            self.engage_tolerance,
+            self.release_tolerance,
+            microseconds(self.confirm_ms),
+            self.min_wheel_speed_rad_s,
+        )
+
+
+class PhaseSection(Section):
+    """What the three kinds of clutch phase have in common."""
+
+    slip_locked_rad_s: Annotated[float, Field(gt=0)] = 3.0
+    """A closed clutch with less slip counts as locked, rad/s."""
+    slip_released_rad_s: Annotated[float, Field(gt=0)] = 6.0
+    """A locked clutch with more slip counts as slipping, rad/s."""
+    lock_time_ms: Annotated[float, Field(ge=0, le=60_000)] = 50.0
+    """For how long the slip must be small, ms."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.slip_released_rad_s <= self.slip_locked_rad_s:
+            yield ("slip_released_rad_s",), f"must be more than slip_locked_rad_s ({self.slip_locked_rad_s:g})"
+
+
+class PhaseFromPosition(PhaseSection):
+    """A clutch is open while its actuator is before the kissing point."""
+
+    source: Literal["position"]
+    """What tells whether a clutch is open: position, flag or command."""
+    clutch1: PositionSection
+    """Actuator position of clutch 1."""
+    clutch2: PositionSection
+    """Actuator position of clutch 2."""
+
+
+class PhaseFromFlag(PhaseSection):
+    """A clutch is open while its flag says so."""
+
+    source: Literal["flag"]
+    """What tells whether a clutch is open: position, flag or command."""
+    clutch1: FlagSection
+    """Flag of clutch 1."""
+    clutch2: FlagSection
+    """Flag of clutch 2."""
+
+
+class PhaseFromCommand(PhaseSection):
+    """A clutch is open while hardly any torque is commanded."""
+
+    source: Literal["command"]
+    """What tells whether a clutch is open: position, flag or command."""
+    clutch1: CommandSection
+    """Commanded torque of clutch 1."""
+    clutch2: CommandSection
+    """Commanded torque of clutch 2."""
+
+
+GEAR_SOURCES: dict[str, type[GearsFromSignals] | type[GearsFromRatio]] = {
+    "signals": GearsFromSignals,
+    "ratio": GearsFromRatio,
+}
+PHASE_SOURCES: dict[str, type[PhaseFromPosition] | type[PhaseFromFlag] | type[PhaseFromCommand]] = {
+    "position": PhaseFromPosition,
+    "flag": PhaseFromFlag,
+    "command": PhaseFromCommand,
+}
+
+
+class Oh2014Section(Section):
+    """Design numbers of the 2014 observer, from which its gains follow."""
+
+    engine_bandwidth_rad_s: Bandwidth = 60.0
+    """Double pole of the engine-side unknown input observer, s² + l_1 s + l_2/J_e, rad/s."""
+    shaft_bandwidth_rad_s: Bandwidth = 60.0
+    """Double pole of the clutch-side unknown input observer, s² + l_3 s + l_4/J_e1, rad/s."""
+    torque_crossover_rad_s: Bandwidth = 20.0
+    """Crossover L_1 = L_2: above it the transfer shaft model, below it the unknown input observers, rad/s."""
+    adaptation_time_s: Seconds = 0.5
+    """Convergence time of the adaptive laws, sets γ_e and γ_t, s."""
+    leakage_time_s: Seconds = 0.5
+    """Time in which the adaptive states forget, 1/γ_l, s."""
+    acceleration_bandwidth_rad_s: Bandwidth = 15.0
+    """Bandwidth of the filter that gives the wheel acceleration, rad/s."""
+    road_load_time_s: Seconds = 0.3
+    """Averaging time of the learned road load, s."""
+    road_load: Literal["none", "flat", "learned"] = "learned"
+    """Known part of the output torque: none (the literal paper), flat (equation 11 without grade) or learned."""
+    phase_gating: bool = True
+    """Hold a clutch at zero before its kissing point and use the single-clutch balance for the other."""
+    printed_rate_law: bool = False
+    """Use both innovations in the rate of (36), as rows 1 and 2 of the paper's matrix A are printed."""
+    sub_observer: Literal["full", "adaptive", "unknown_input"] = "full"
+    """Which part of the observer gives the published torques."""
+
+    def build(self) -> Oh2014Design:
+        """Return the design as the estimator knows it."""
+        numbers = dict(self)
+        numbers["road_load"] = RoadLoad[self.road_load.upper()]
+        numbers["sub_observer"] = SubObserver[self.sub_observer.upper()]
+        return Oh2014Design(**numbers)
+
+
+class EstimatorSection(Section):
+    """The internal grid, what is published how often, and when to start afresh."""
+
+    step_ms: Annotated[float, Field(ge=0.1, le=20)] = 1.0
+    """Step of the observer's internal time grid, ms."""
+    period_ms: Milliseconds = 10.0
+    """At most one estimate per this time, ms."""
+    health_period_ms: Milliseconds = 1000.0
+    """One health record per this time, ms."""
+    max_gap_ms: Milliseconds = 500.0
+    """A longer silence of all inputs resets the observer, ms."""
+    max_step_back_ms: Annotated[float, Field(ge=0, le=60_000)] = 100.0
+    """A larger step of time backwards resets the observer, ms; smaller ones are taken as late frames."""
+    oh2014: Oh2014Section = Oh2014Section()
+    """Design of the observer."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        for name in ("period_ms", "health_period_ms", "max_gap_ms"):
+            if getattr(self, name) < self.step_ms:
+                yield (name,), f"must be at least step_ms ({self.step_ms:g})"
+        fastest = FASTEST_POLE * 1000 / self.step_ms
+        for name in (n for n in Oh2014Section.model_fields if n.endswith("_rad_s")):
+            if getattr(self.oh2014, name) > fastest:
+                reason = f"must be at most {fastest:g} rad/s for step_ms {self.step_ms:g}: {FASTEST_POLE}/step"
+                yield ("oh2014", name), reason
+
+
+def microseconds(milliseconds: float) -> int:
+    """Return a time in whole microseconds."""
+    return round(milliseconds * 1000)

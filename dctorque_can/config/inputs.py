@@ -1,0 +1,291 @@
+"""The `inputs:` section, and how it becomes the inputs of the decoder: units, raw values, ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from cantools.database.can import Database, Message, Signal
+
+from dctorque_can.bus.problems import input_problems
+from dctorque_can.config.document import Document
+from dctorque_can.config.problems import KeyPath, dotted
+from dctorque_can.config.section import Section, nearest
+from dctorque_can.config.signals import InputSection, ProtectionSection, TermSection
+from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit
+from dctorque_can.pipeline.samples import Input, Protection, Quantity, Term
+
+ANY = (-1e12, 1e12)
+PLAUSIBLE = {
+    Quantity.ENGINE_SPEED: (0.0, 1100.0),  # 10 500 rpm
+    Quantity.ENGINE_TORQUE: (-1000.0, 2000.0),
+    Quantity.SHAFT1_SPEED: (-1500.0, 1500.0),
+    Quantity.SHAFT2_SPEED: (-1500.0, 1500.0),
+    Quantity.WHEEL_SPEED_FL: (-350.0, 350.0),  # about 390 km/h
+    Quantity.WHEEL_SPEED_FR: (-350.0, 350.0),
+    Quantity.WHEEL_SPEED_RL: (-350.0, 350.0),
+    Quantity.WHEEL_SPEED_RR: (-350.0, 350.0),
+    Quantity.CLUTCH1_COMMAND: (-1000.0, 4000.0),
+    Quantity.CLUTCH2_COMMAND: (-1000.0, 4000.0),
+    Quantity.ACCELERATION: (-30.0, 30.0),
+    Quantity.GRADE: (-0.8, 0.8),
+}
+"""Range of an input that gives none, SI; any value where the quantity is not listed."""
+
+SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no value", "fault", "error")
+
+
+class WheelSpeedsSection(Section):
+    """The wheels that the bus tells; front left, front right, rear left, rear right."""
+
+    fl: InputSection | None = None
+    """Speed of the front left wheel."""
+    fr: InputSection | None = None
+    """Speed of the front right wheel."""
+    rl: InputSection | None = None
+    """Speed of the rear left wheel."""
+    rr: InputSection | None = None
+    """Speed of the rear right wheel."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if all(wheel is None for wheel in (self.fl, self.fr, self.rl, self.rr)):
+            yield (), "missing: at least one of fl, fr, rl, rr"
+
+
+class InputsSection(Section):
+    """The measured quantities, apart from gears and clutch phase."""
+
+    engine_speed: InputSection
+    """Engine speed."""
+    engine_torque: InputSection
+    """Nominal net engine torque T_en at the flywheel (indicated minus friction)."""
+    shaft1_speed: InputSection
+    """Speed of input shaft 1, behind clutch 1."""
+    shaft2_speed: InputSection
+    """Speed of input shaft 2, behind clutch 2."""
+    wheel_speeds: WheelSpeedsSection
+    """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
+    acceleration: InputSection | None = None
+    """Longitudinal acceleration."""
+    grade: InputSection | None = None
+    """Inclination of the road, positive uphill."""
+    brake: InputSection | None = None
+    """Any measure of braking, positive when braking."""
+
+
+QUANTITY_AT: dict[KeyPath, Quantity] = {
+    ("engine_speed",): Quantity.ENGINE_SPEED,
+    ("engine_torque",): Quantity.ENGINE_TORQUE,
+    ("shaft1_speed",): Quantity.SHAFT1_SPEED,
+    ("shaft2_speed",): Quantity.SHAFT2_SPEED,
+    ("wheel_speeds", "fl"): Quantity.WHEEL_SPEED_FL,
+    ("wheel_speeds", "fr"): Quantity.WHEEL_SPEED_FR,
+    ("wheel_speeds", "rl"): Quantity.WHEEL_SPEED_RL,
+    ("wheel_speeds", "rr"): Quantity.WHEEL_SPEED_RR,
+    ("acceleration",): Quantity.ACCELERATION,
+    ("grade",): Quantity.GRADE,
+    ("brake",): Quantity.BRAKE,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class InputEntry:
+    """One input of the decoder with what the vehicle file says about it.
+
+    Attributes:
+        key: dotted key path.
+        input: what the decoder is told.
+        units: unit of each term, as given or as in the DBC; "" where the value is kept or mapped.
+        periods_ms: cycle time of each term's message, None where the DBC has none.
+    """
+
+    key: str
+    input: Input
+    units: tuple[str, ...]
+    periods_ms: tuple[float | None, ...]
+
+
+class InputBuilder:
+    """Turns the sections of signals into inputs; whatever does not fit the DBC goes to the document's problems."""
+
+    def __init__(self, document: Document, database: Database | None, wheel_radius_m: float):
+        self._document = document
+        self._messages: dict[str, Message] = {m.name: m for m in database.messages} if database else {}
+        self._database = database
+        self._wheel_radius_m = wheel_radius_m
+        self.entries: list[InputEntry] = []
+
+    def add(self, path: KeyPath, quantity: Quantity, section: InputSection) -> None:
+        """Add a linear combination of signals."""
+        dimension = DIMENSIONS[quantity]
+        terms: list[Term] = []
+        units: list[str] = []
+        factors: list[float] = []
+        for below, term in section.terms():
+            at = (*path, *below)
+            unit, factor = self._unit(at, term, dimension)
+            message, signal = term.signal.split(".")
+            terms.append(
+                Term(
+                    message,
+                    signal,
+                    factor=term.factor * factor,
+                    offset=term.offset * factor,
+                    not_available=frozenset(self._not_available(at, term)),
+                )
+            )
+            units.append(unit)
+            factors.append(factor)
+        lowest, highest = self._range(path, section, quantity, factors)
+        self._append(path, Input(quantity, tuple(terms), lowest, highest, _us(section.timeout_ms)), units)
+
+    def add_mapped(
+        self, path: KeyPath, quantity: Quantity, name: str, values: Mapping[int | str, float], timeout_ms: float
+    ) -> None:
+        """Add one signal whose raw values mean something else (a gear, a flag)."""
+        message, signal = name.split(".")
+        known = {
+            raw: value for key, value in values.items() for raw in self._raw((*path, "values", key), name, key)
+        }
+        term = Term(message, signal, values=known)
+        lowest, highest = min(values.values()), max(values.values())
+        self._append(path, Input(quantity, (term,), float(lowest), float(highest), _us(timeout_ms)), [""])
+
+    def protect(self, path: KeyPath, message: str, section: ProtectionSection) -> Protection:
+        """Return the protection of one message."""
+        protection = Protection(
+            message,
+            counter_signal=section.counter_signal,
+            counter_modulus=section.modulus,
+            max_counter_delta=section.max_counter_delta,
+            crc=section.crc,
+            crc_signal=section.crc_signal,
+            data_id=section.data_id or 0,
+            data_ids=tuple(section.data_ids or ()),
+        )
+        if self._database is not None:
+            for problem in input_problems(self._database, (), (protection,)):
+                keys = {section.crc_signal: "crc_signal", section.counter_signal: "counter_signal"}
+                key = keys.get(problem.signal, "") if problem.signal else ""
+                self._complain((*path, key) if key else path, problem.reason, problem.suggestions)
+            used = {term.message for entry in self.entries for term in entry.input.terms}
+            if message in self._messages and message not in used:
+                self._warn(path, "has no effect: no input comes from this message")
+        return protection
+
+    def _append(self, path: KeyPath, given: Input, units: Iterable[str]) -> None:
+        if self._database is not None:
+            for problem in input_problems(self._database, (given,), ()):
+                self._complain(
+                    self._place(path, problem.message, problem.signal), problem.reason, problem.suggestions
+                )
+        messages = [self._messages.get(term.message) for term in given.terms]
+        periods = tuple(m.cycle_time if m is not None and m.cycle_time else None for m in messages)
+        longest = max((period for period in periods if period), default=0)
+        if given.timeout_us < 2000 * longest:
+            reason = f"is less than two periods of {longest:g} ms: one lost frame makes the input stale"
+            self._warn((*path, "timeout_ms"), reason)
+        self.entries.append(InputEntry(dotted(path), given, tuple(units), periods))
+
+    def _place(self, path: KeyPath, message: str, signal: str) -> KeyPath:
+        """Return the key path of the signal that a problem of the bus is about."""
+        value = self._document.value(path)
+        if isinstance(value, dict):
+            if "signal" in value:
+                return (*path, "signal")
+            for n, term in enumerate(value.get("sum") or ()):
+                name = term.get("signal") if isinstance(term, dict) else term
+                if name == f"{message}.{signal}" or (not signal and str(name).startswith(f"{message}.")):
+                    return (*path, "sum", n, "signal") if isinstance(term, dict) else (*path, "sum", n)
+        return path
+
+    def _signal(self, name: str) -> Signal | None:
+        message, signal = name.split(".")
+        known = self._messages.get(message)
+        return next((s for s in known.signals if s.name == signal), None) if known else None
+
+    def _unit(self, path: KeyPath, term: TermSection, dimension: Dimension) -> tuple[str, float]:
+        """Return the unit of a signal and its factor to SI; 1 where there is none to be found."""
+        signal = self._signal(term.signal)
+        of_dbc = (signal.unit or "").strip() if signal else ""
+        unit = term.unit or of_dbc
+        if term.unit and of_dbc and not same_unit(term.unit, of_dbc):
+            self._warn((*path, "unit"), f"the DBC has the unit {of_dbc!r}; the one given here is used")
+        if dimension is Dimension.AS_IS:
+            return unit, 1.0
+        if not unit:
+            if signal is not None:
+                reason = f"the DBC has no unit for {term.signal}: give unit: (to become {dimension.value})"
+                self._complain((*path, "unit"), reason)
+            return "", 1.0
+        try:
+            factor = factor_to_si(
+                unit, dimension, wheel_radius_m=self._wheel_radius_m, reference_nm=term.reference_nm
+            )
+        except UnitError as error:
+            source = "" if term.unit else f" (the unit of {term.signal} in the DBC; unit: here overrules it)"
+            self._complain((*path, "unit"), f"{error}{source}")
+            return unit, 1.0
+        return unit, factor
+
+    def _not_available(self, path: KeyPath, term: TermSection) -> Iterator[int]:
+        for n, key in enumerate(term.not_available or ()):
+            yield from self._raw((*path, "not_available", n), term.signal, key)
+        signal = self._signal(term.signal)
+        if signal is not None and signal.choices and term.not_available is None:
+            for raw, name in signal.choices.items():
+                if str(name).casefold().replace("_", " ") in SAYS_NOT_AVAILABLE:
+                    reason = (
+                        f"the DBC says that raw {raw} of {term.signal} is {str(name)!r}: not_available: [{raw}]?"
+                    )
+                    self._warn(path, reason)
+
+    def _raw(self, path: KeyPath, name: str, key: int | str) -> list[int]:
+        """Return the raw value of a key that may be a name of the DBC's value table."""
+        if isinstance(key, int):
+            return [key]
+        signal = self._signal(name)
+        if signal is None:
+            return []
+        choices = {str(choice): raw for raw, choice in (signal.choices or {}).items()}
+        if key in choices:
+            return [int(choices[key])]
+        has = nearest(key, choices) if choices else f"; the DBC has no value table for {name}"
+        self._complain(path, f"{key!r} is not in the value table of {name}{has}")
+        return []
+
+    def _range(
+        self, path: KeyPath, section: InputSection, quantity: Quantity, factors: list[float]
+    ) -> tuple[float, float]:
+        if section.range is None:
+            return PLAUSIBLE.get(quantity, ANY)
+        factor = factors[0]
+        if any(other != factor for other in factors):
+            if section.unit is None:
+                self._complain(
+                    (*path, "range"), "the signals have different units: give the unit of the range as unit:"
+                )
+                return ANY
+            try:
+                factor = factor_to_si(
+                    section.unit,
+                    DIMENSIONS[quantity],
+                    wheel_radius_m=self._wheel_radius_m,
+                    reference_nm=section.reference_nm,
+                )
+            except UnitError as error:
+                self._complain((*path, "unit"), str(error))
+        return section.range[0] * factor, section.range[1] * factor
+
+    def _complain(self, path: KeyPath, reason: str, suggestions: Iterable[str] = ()) -> None:
+        hint = " or ".join(suggestions)
+        self._document.problems.append(
+            self._document.problem(path, reason + (f"; did you mean {hint}?" if hint else ""))
+        )
+
+    def _warn(self, path: KeyPath, reason: str) -> None:
+        self._document.problems.append(self._document.problem(path, reason, warning=True))
+
+
+def _us(milliseconds: float) -> int:
+    return round(milliseconds * 1000)

@@ -1,0 +1,89 @@
+"""What pydantic cannot see: gears that make the observer singular, gear maps that do not fit the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+from dctorque_can.config.estimation import GearsFromRatio
+from dctorque_can.config.problems import KeyPath
+from dctorque_can.config.signals import GearSignalSection
+from dctorque_can.driveline.parameters import Gear
+
+SAME_RATIO = 1e-6  # relative difference of total ratios below which (27), (28), (65), (66) divide by zero
+CLOSE_RATIO = 0.05  # … below which R/(R_1 - R_2) amplifies errors more than 20 times
+
+
+class Doubt(NamedTuple):
+    """Something implausible: an error, or with ``warning`` only worth a look."""
+
+    path: KeyPath
+    reason: str
+    warning: bool
+
+
+def gear_doubts(gears: Mapping[KeyPath, Gear]) -> Iterator[Doubt]:
+    """Yield what is implausible in the gears of a vehicle, by the key path of each gear."""
+    section: KeyPath = ("vehicle", "gears")
+    for shaft in (1, 2):
+        if not any(gear.shaft == shaft for gear in gears.values()):
+            yield Doubt(section, f"no gear is on shaft {shaft}", False)
+    forward = sorted(((g.number, path, g) for path, g in gears.items() if g.number > 0), key=lambda item: item[0])
+    for expected, (number, path, _) in enumerate(forward, start=1):
+        if number != expected:
+            yield Doubt(path, f"gear {expected} is missing", True)
+            break
+    for (_, _, lower), (_, path, higher) in pairwise(forward):
+        if higher.shaft == lower.shaft and higher.total_ratio == lower.total_ratio:
+            yield Doubt(path, f"has the same total ratio as gear {lower.number}: {higher.total_ratio:.4g}", False)
+        elif higher.total_ratio > lower.total_ratio * (1 + SAME_RATIO):
+            reason = f"total ratio {higher.total_ratio:.4g} is more than that of gear {lower.number}"
+            yield Doubt(path, f"{reason}, {lower.total_ratio:.4g}: which final drive belongs to it?", True)
+    for (_, _, first), (_, path, second) in combinations(forward, 2):
+        if first.shaft == second.shaft:
+            continue
+        apart = abs(first.total_ratio - second.total_ratio) / max(first.total_ratio, second.total_ratio)
+        if apart < SAME_RATIO:
+            reason = f"the pair with gear {first.number} is singular: both have the total ratio"
+            yield Doubt(path, f"{reason} {second.total_ratio:.4g}, so their torques cannot be told apart", False)
+        elif apart < CLOSE_RATIO:
+            reason = f"total ratio only {100 * apart:.2g} % from that of gear {first.number} on the other shaft"
+            yield Doubt(path, f"{reason}: errors of the observer grow {1 / apart:.0f} times", True)
+
+
+def gear_map_doubts(
+    path: KeyPath, shaft: int, section: GearSignalSection, gears: Mapping[int, Gear]
+) -> Iterator[Doubt]:
+    """Yield where the map from raw values to gears does not fit the vehicle."""
+    for key, number in section.values.items():
+        if number == 0:
+            continue
+        name = _name(int(number))
+        if number not in gears:
+            have = ", ".join(_name(n) for n in sorted(gears, key=lambda n: (n < 0, n)))
+            yield Doubt((*path, "values", key), f"the vehicle has no gear {name}; there is: {have}", False)
+        elif gears[int(number)].shaft != shaft:
+            reason = f"gear {name} is on shaft {gears[int(number)].shaft}, not on shaft {shaft}"
+            yield Doubt((*path, "values", key), reason, False)
+    if 0 not in section.values.values():
+        yield Doubt((*path, "values"), "no raw value means neutral: the gear is unknown while it is changed", True)
+    for number, gear in gears.items():
+        if gear.shaft == shaft and number not in section.values.values():
+            yield Doubt((*path, "values"), f"no raw value means gear {_name(number)}", True)
+
+
+def inference_doubts(section: GearsFromRatio, gears: Mapping[int, Gear]) -> Iterator[Doubt]:
+    """Yield gears of one shaft that the tolerances cannot tell apart."""
+    tolerance = section.release_tolerance
+    for first, second in combinations(gears.values(), 2):
+        low, high = sorted((abs(first.total_ratio), abs(second.total_ratio)))
+        if first.shaft == second.shaft and low * (1 + tolerance) >= high * (1 - tolerance):
+            reason = f"cannot tell gears {_name(first.number)} and {_name(second.number)} apart"
+            totals = f"total ratios {high:.4g} and {low:.4g}"
+            largest = (high - low) / (high + low)
+            yield Doubt(("gears", "release_tolerance"), f"{reason} ({totals}): must be below {largest:.3f}", False)
+
+
+def _name(number: int) -> str:
+    return "R" if number < 0 else str(number)

@@ -1,0 +1,201 @@
+"""How a vehicle file describes the signals that an input is made of."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from dctorque_can.config.problems import KeyPath
+from dctorque_can.config.section import Section
+from dctorque_can.config.vehicle import gear_number
+
+_SIGNAL = re.compile(r"^[A-Za-z_]\w*\.[A-Za-z_]\w*$")
+
+
+def _signal_name(text: str) -> str:
+    if not _SIGNAL.match(text):
+        raise ValueError("must be Message.Signal, by the names of the DBC")
+    return text
+
+
+def _raw_key(key: Any) -> Any:
+    if isinstance(key, bool) or not isinstance(key, int | str):
+        raise ValueError("must be a raw value (whole number) or a name of the DBC's value table")
+    return key
+
+
+def _gear(value: Any) -> Any:
+    return 0 if value in (0, "neutral", "N") else gear_number(value)
+
+
+SignalName = Annotated[str, AfterValidator(_signal_name)]
+RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
+TimeoutMs = Annotated[float, Field(gt=0, le=60_000)]
+DEFAULT_TIMEOUT_MS = 100.0
+
+
+class TermSection(Section):
+    """One DBC signal of a sum."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    factor: float = 1.0
+    """Coefficient of the signal in the sum: -1 subtracts it."""
+    offset: float = 0.0
+    """Added after ``factor``, in the unit of the signal."""
+    unit: str | None = None
+    """Unit of the signal; default: the unit of the DBC."""
+    reference_nm: Annotated[float, Field(gt=0)] | None = None
+    """Torque that is 100 %, N·m, for a torque in %."""
+    not_available: list[RawKey] | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        return {"signal": value} if isinstance(value, str) else value
+
+
+class InputSection(Section):
+    """One input: a signal, or a sum of signals."""
+
+    signal: SignalName | None = None
+    """Message.Signal, by the names of the DBC; the section may be just this text."""
+    sum: Annotated[list[TermSection], Field(min_length=1)] | None = None
+    """Instead of ``signal``: the signals to be added, each with its own factor."""
+    factor: float = 1.0
+    """Multiplies the signal; -1 turns its sign."""
+    offset: float = 0.0
+    """Added after ``factor``, in the unit of the signal."""
+    unit: str | None = None
+    """Unit of the signal (of all signals of a sum); default: the unit of the DBC."""
+    reference_nm: Annotated[float, Field(gt=0)] | None = None
+    """Torque that is 100 %, N·m, for a torque in %."""
+    not_available: list[RawKey] | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"; for every signal of a sum."""
+    range: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    """[lowest, highest] plausible value in the input's unit; default: the plausible range of the quantity."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the input is stale, ms."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        return {"signal": value} if isinstance(value, str) else value
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.signal is None and self.sum is None:
+            yield ("signal",), "missing: give signal: Message.Signal, or sum: [ … ]"
+        if self.signal is not None and self.sum is not None:
+            yield ("sum",), "give either signal or sum, not both"
+        if self.sum is not None:
+            for name, neutral in (("factor", 1.0), ("offset", 0.0)):
+                if getattr(self, name) != neutral:
+                    yield (name,), f"belongs to the signals of the sum: put {name} into each of them"
+        if self.range is not None and self.range[0] >= self.range[1]:
+            yield ("range",), "must be [lowest, highest]"
+
+    def terms(self) -> list[tuple[KeyPath, TermSection]]:
+        """Return the signals with their key path below this section, with shared keys filled in."""
+        if self.sum is None:
+            assert self.signal is not None
+            terms: list[tuple[KeyPath, TermSection]] = [
+                ((), TermSection(signal=self.signal, factor=self.factor, offset=self.offset))
+            ]
+        else:
+            terms = [(("sum", n), term) for n, term in enumerate(self.sum)]
+        shared = {"unit": self.unit, "reference_nm": self.reference_nm, "not_available": self.not_available}
+        return [
+            (path, term.model_copy(update={k: v for k, v in shared.items() if getattr(term, k) is None}))
+            for path, term in terms
+        ]
+
+
+class GearSignalSection(Section):
+    """The signal with the gear that is engaged on one shaft."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    values: Annotated[
+        dict[RawKey, Annotated[int | Literal["neutral", "reverse", "R", "N"], BeforeValidator(_gear)]],
+        Field(min_length=1),
+    ]
+    """Raw value, or name of the DBC's value table, to gear: a number, neutral or reverse; others: no value."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the gear is stale, ms."""
+
+
+class FlagSection(Section):
+    """A flag that says whether one clutch is open."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    values: Annotated[dict[RawKey, Literal["open", "closed"]], Field(min_length=1)]
+    """Raw value, or name of the DBC's value table, to open or closed; others: no value."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the flag is stale, ms."""
+
+
+class PositionSection(InputSection):
+    """The actuator position of one clutch."""
+
+    kissing_point: float
+    """Position at which the clutch begins to carry torque, in the unit of the position."""
+    hysteresis: Annotated[float, Field(ge=0)]
+    """Full width of the band around the kissing point, in the unit of the position."""
+    closes: Literal["increasing", "decreasing"]
+    """Whether the clutch closes with increasing or decreasing position."""
+
+
+class CommandSection(InputSection):
+    """The commanded torque of one clutch."""
+
+    threshold_nm: Annotated[float, Field(ge=0)]
+    """Commanded torque above which the clutch carries torque, N·m."""
+    hysteresis_nm: Annotated[float, Field(ge=0)]
+    """Full width of the band around the threshold, N·m."""
+
+
+class ProtectionSection(Section):
+    """How one received message is protected."""
+
+    crc: Literal["none", "crc8_j1850", "e2e_p01", "e2e_p02"] = "none"
+    """Checksum: none, crc8_j1850 (over all bytes but its own), e2e_p01 or e2e_p02 (AUTOSAR)."""
+    crc_signal: str = ""
+    """The 8-bit checksum signal of the message."""
+    counter_signal: str = ""
+    """The alive counter signal of the message."""
+    counter_modulus: Annotated[int, Field(ge=2, le=65_536)] | None = None
+    """The counter runs 0..modulus-1; default: 15 for e2e_p01, else 16."""
+    max_counter_delta: Annotated[int, Field(ge=1, le=255)] = 3
+    """Largest accepted step of the counter; 2 loses one frame."""
+    data_id: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
+    """AUTOSAR data id, for e2e_p01."""
+    data_ids: Annotated[list[Annotated[int, Field(ge=0, le=0xFF)]], Field(min_length=16, max_length=16)] | None = (
+        None
+    )
+    """The 16 data ids, for e2e_p02."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.crc == "none" and not self.counter_signal:
+            yield ("counter_signal",), "missing: a protection has a crc, a counter_signal, or both"
+        if self.crc != "none" and not self.crc_signal:
+            yield ("crc_signal",), f"missing: {self.crc} needs the signal that carries the checksum"
+        if self.crc == "none" and self.crc_signal:
+            yield ("crc_signal",), "has no effect without crc: crc8_j1850, e2e_p01 or e2e_p02"
+        if self.crc.startswith("e2e") and not self.counter_signal:
+            yield ("counter_signal",), f"missing: {self.crc} has an alive counter"
+        if self.crc == "e2e_p01" and self.data_id is None:
+            yield ("data_id",), "missing: e2e_p01 needs the data id of the message"
+        if self.crc == "e2e_p02" and self.data_ids is None:
+            yield ("data_ids",), "missing: e2e_p02 needs the 16 data ids of the message"
+        if self.max_counter_delta >= self.modulus:
+            yield ("max_counter_delta",), f"must be less than the counter's modulus ({self.modulus})"
+
+    @property
+    def modulus(self) -> int:
+        """The counter's modulus with its default."""
+        return self.counter_modulus or (15 if self.crc == "e2e_p01" else 16)
