@@ -1,0 +1,131 @@
+"""What the driver and the road do, and the simulation of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.errors import DctorqueError
+from dctorque_can.simulation.plant import new_state, run
+from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, Powertrain, parameters
+from dctorque_can.simulation.truth import TRUTH
+
+Knots = tuple[tuple[float, float], ...]
+"""``(time in s, value)`` in ascending order; linear between, constant outside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One drive that starts at standstill in first gear.
+
+    Attributes:
+        name: one word for file names.
+        duration_s: length.
+        pedal: 0..1; two knots at one time make a step.
+        brake_n: driver's braking force.
+        grade_rad: slope of the road, positive uphill.
+        speed_m_s: if not empty, a driver follows this speed and `pedal` and `brake_n` are ignored.
+        payload_kg: on top of the vehicle's mass.
+    """
+
+    name: str
+    duration_s: float
+    pedal: Knots = ((0.0, 0.0),)
+    brake_n: Knots = ((0.0, 0.0),)
+    grade_rad: Knots = ((0.0, 0.0),)
+    speed_m_s: Knots = ()
+    payload_kg: float = 0.0
+
+
+PAPER = Drive(
+    name="paper",
+    duration_s=16.0,
+    pedal=((1.0, 0.0), (1.0, 0.5), (7.0, 0.5), (7.0, 0.0)),
+    grade_rad=((0.0, 0.1),),
+)
+"""Section 4.1: standing start uphill, half throttle from 1 s for 6 s, then the fuel is cut."""
+
+
+def mixed_drive(vehicle: Vehicle, seed: int, duration_s: float = 360.0) -> Drive:
+    """Return a drive through traffic: launches, cruising, coasting and stops, up to the top gear, on a hilly road.
+
+    It ends as it began, at standstill on the level, so that it can be repeated.
+
+    Args:
+        vehicle: the car it is for; its number of gears decides how fast it goes.
+        seed: another seed, another drive.
+        duration_s: at least 120 s.
+
+    Raises:
+        DctorqueError: ``duration_s`` is too short.
+    """
+    if duration_s < 120.0:
+        raise DctorqueError(f"a mixed drive needs at least 120 s, not {duration_s:g} s")
+    random = np.random.default_rng(seed)
+    top = 26.0 if max(gear.number for gear in vehicle.gears) <= 5 else 34.0
+    knots: list[tuple[float, float]] = [(0.0, 0.0), (2.0, 0.0)]
+    t, v = 2.0, 0.0
+    goals = [top]  # every drive reaches the top gear once
+    while t < duration_s - 60.0:
+        goal = goals.pop() if goals else float(random.uniform(4.0, 0.6 * top))
+        rate = float(random.uniform(0.7, 1.8)) if goal > v else float(random.uniform(0.5, 1.8))
+        t += max(1.0, abs(goal - v) / rate * (1.0 + 0.02 * goal))
+        v = goal
+        knots.append((t, v))
+        t += float(random.uniform(3.0, 15.0))
+        knots.append((t, v))
+        if random.random() < 0.4 and t < duration_s - 75.0:
+            t += v / float(random.uniform(0.9, 2.0))
+            v = 0.0
+            knots.append((t, 0.0))
+            t += float(random.uniform(2.0, 6.0))
+            knots.append((t, 0.0))
+    t += v / 1.3
+    knots.append((min(t, duration_s - 5.0), 0.0))
+    hills = np.arange(20.0, duration_s - 20.0, 15.0)
+    grade = [(0.0, 0.0), *((float(s), float(random.uniform(-0.05, 0.05))) for s in hills), (duration_s - 5.0, 0.0)]
+    return Drive(f"mixed{seed}", duration_s, grade_rad=tuple(grade), speed_m_s=tuple(knots))
+
+
+def _sampled(knots: Knots, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    times, values = np.array(knots, dtype=float).T
+    after = np.clip(np.searchsorted(times, t, side="right"), 1, max(1, len(times) - 1))
+    if len(times) == 1:
+        return np.full(len(t), values[0])
+    width = times[after] - times[after - 1]
+    part = np.clip((t - times[after - 1]) / np.where(width > 0, width, 1.0), 0.0, 1.0)
+    part = np.where(width > 0, part, (t >= times[after]).astype(float))
+    return np.asarray(values[after - 1] + part * (values[after] - values[after - 1]))
+
+
+def simulate(vehicle: Vehicle, drive: Drive, powertrain: Powertrain = DEMO_POWERTRAIN) -> NDArray[np.void]:
+    """Simulate a drive.
+
+    Args:
+        vehicle: the car as estimators know it.
+        drive: what driver and road do.
+        powertrain: what estimators do not know.
+
+    Returns:
+        `TRUTH` ``[n]``, one row per millisecond from 0 to ``drive.duration_s``.
+
+    Raises:
+        DctorqueError: the vehicle cannot be simulated: gears 1, 2, … must be complete and on alternate shafts.
+    """
+    numbers = sorted(gear.number for gear in vehicle.gears if gear.number > 0)
+    if numbers != list(range(1, len(numbers) + 1)) or len(numbers) < 2:
+        raise DctorqueError(f"simulation needs gears 1, 2, … without a hole; the vehicle has {numbers}")
+    for number in numbers[1:]:
+        if vehicle.gear(number).shaft == vehicle.gear(number - 1).shaft:
+            raise DctorqueError(f"simulation needs neighbouring gears on different shafts: {number - 1}, {number}")
+    p = parameters(vehicle, powertrain, drive.payload_kg)
+    n = round(drive.duration_s * 1000) + 1
+    t = np.arange(n) / 1000.0
+    speed = _sampled(drive.speed_m_s, t) if drive.speed_m_s else np.full(n, -1.0)
+    rows = np.zeros(n, TRUTH)
+    pedal, brake, grade = (_sampled(k, t) for k in (drive.pedal, drive.brake_n, drive.grade_rad))
+    run(p, *new_state(p), pedal, brake, grade, speed, rows)
+    return rows

@@ -1,0 +1,39 @@
+"""Net torque the engine can give and is asked for."""
+
+from __future__ import annotations
+
+from dctorque_can.compiled import compiled
+from dctorque_can.simulation.powertrain import Parameters
+
+_IDLE_GAIN = 2.0  # N·m per rad/s; with the lag's lead below, poles near 7 1/s on 0.23 kg·m²
+_LIMITER_BAND = 20.0  # rad/s in which the speed limiter takes the torque away
+
+
+@compiled
+def full_load(p: Parameters, w_e: float) -> float:
+    """Return the greatest net torque at speed ``w_e``, N·m."""
+    x = w_e / p.power_speed
+    torque = p.power_torque * (p.full_load[0] + p.full_load[1] * x - p.full_load[2] * x * x)
+    limiter = (p.speed_limit - w_e) / _LIMITER_BAND
+    return max(closed(p, w_e), torque * min(1.0, max(0.0, limiter)))
+
+
+@compiled
+def closed(p: Parameters, w_e: float) -> float:
+    """Return the net torque with the fuel cut, N·m (negative)."""
+    return -(p.drag_nm + p.drag_nms * w_e) * min(1.0, max(0.0, w_e / 10.0))
+
+
+@compiled
+def driver_demand(p: Parameters, pedal: float, w_e: float) -> float:
+    """Return the torque that the pedal asks for, N·m."""
+    low = closed(p, w_e)
+    share = 1.0 - (1.0 - min(1.0, max(0.0, pedal))) ** p.pedal_exponent
+    return low + share * (full_load(p, w_e) - low)
+
+
+@compiled
+def with_idle_control(p: Parameters, command: float, w_e: float, dw_e: float) -> float:
+    """Return ``command``, or what keeps the engine at idle speed if that is more, within the engine's means."""
+    idle = _IDLE_GAIN * (p.idle - w_e - p.torque_lag * dw_e)
+    return min(full_load(p, w_e), max(closed(p, w_e), max(command, idle)))

@@ -1,0 +1,372 @@
+"""The compliant driveline of section 2.2 as a mechanism of masses, springs and dry friction.
+
+Speeds: engine, damper secondary side, input shafts 1 and 2, output shaft, driven wheels, body (undriven wheels roll
+with it). Contacts: both clutches, the cones of both synchronisers, and brake plus rolling resistance on the body.
+Brakes act on the body as if all were on the undriven wheels. Gear losses depend on the direction of the torque.
+
+A synchroniser is a cone clutch between an input shaft and the output shaft (times the gear's total ratio); the gear
+is engaged only once the cone sticks, so momentum is conserved and nothing is ever set to a speed. The transfer
+shaft's spring starts untwisted then. The output shaft's own inertia is kept however small: the integrator is
+L-stable, so neither a step limit nor a massless limit is needed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dctorque_can.compiled import compiled
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.simulation.control import CONTROL, decide
+from dctorque_can.simulation.powertrain import Parameters
+from dctorque_can.simulation.stick_slip import (
+    FREE,
+    STUCK,
+    Floats,
+    Loads,
+    Mechanism,
+    Motion,
+    Scratch,
+    advance,
+    new_loads,
+    new_motion,
+    new_scratch,
+)
+
+ENGINE, DAMPER, SHAFT1, SHAFT2, OUTPUT, WHEEL, BODY = range(7)
+TWIST_DAMPER, TWIST_TRANSFER1, TWIST_TRANSFER2, TWIST_OUTPUT, TYRE, DRAG1, DRAG2, AIR = range(8)
+CLUTCH1, CLUTCH2, CONE1, CONE2, ROAD = range(5)
+N_SPEEDS, N_SPRINGS, N_CONTACTS = 7, 8, 5
+
+SUBSTEPS = 10
+STEP = 1e-4
+PERIOD = SUBSTEPS * STEP
+
+_OPEN_PHASE, _SLIPPING_PHASE, _LOCKED_PHASE = (int(phase) for phase in ClutchPhase)
+_HILL_HOLD = 0.4  # braking force of the hill holder per weight
+
+ACTUATION = np.dtype(
+    [
+        ("T_e", "f8"),
+        ("position", "f8", (2,)),
+        ("engaged", "i8", (2,)),  # gear per shaft, 0 neutral
+        ("changing", "u1", (2,)),
+        ("target", "i8", (2,)),
+        ("sleeve", "f8", (2,)),  # s on the way to the cone
+        ("cone", "f8", (2,)),  # kinetic torque of the cone, on the input shaft
+        ("lost_j", "f8"),  # twist let go when a gear was disengaged
+    ],
+    align=True,
+)
+
+
+def new_mechanism(p: Parameters) -> Mechanism:
+    """Return the driveline with both shafts in neutral."""
+    rates = np.zeros((N_SPRINGS, N_SPEEDS))
+    rates[TWIST_DAMPER, [ENGINE, DAMPER]] = 1.0, -1.0
+    rates[TWIST_OUTPUT, [OUTPUT, WHEEL]] = 1.0, -1.0
+    rates[TYRE, [WHEEL, BODY]] = p.r_w, -1.0
+    rates[DRAG1, [DAMPER, SHAFT1]] = 1.0, -1.0
+    rates[DRAG2, [DAMPER, SHAFT2]] = 1.0, -1.0
+    rates[AIR, BODY] = 1.0
+    contact = np.zeros((N_CONTACTS, N_SPEEDS))
+    contact[CLUTCH1, [DAMPER, SHAFT1]] = 1.0, -1.0
+    contact[CLUTCH2, [DAMPER, SHAFT2]] = 1.0, -1.0
+    contact[ROAD, BODY] = 1.0
+    tyre_stiffness = p.slip_stiffness / p.tyre_relaxation
+    return Mechanism(
+        mass=np.array(
+            [p.J_e, p.J_d, p.J_shaft[0], p.J_shaft[1], p.J_o, p.J_w, p.mass + p.J_w_undriven / p.r_w**2]
+        ),
+        spring_speed=rates,
+        spring_torque=rates.copy(),
+        stiffness=np.array([p.k_d, 0.0, 0.0, p.k_o, tyre_stiffness, 0.0, 0.0, 0.0]),
+        damping=np.array([p.b_d, 0.0, 0.0, p.b_o, p.tyre_damping, p.drag[0], p.drag[1], 0.0]),
+        leak=np.zeros(N_SPRINGS),
+        contact=contact,
+    )
+
+
+@compiled
+def capacity(p: Parameters, clutch: int, position: float) -> float:
+    """Return the kinetic torque capacity of a clutch at an actuator position in mm, N·m."""
+    travel = min(1.0, max(0.0, (position - p.kiss) / (p.full - p.kiss)))
+    return float(p.capacity_full[clutch]) * travel**p.force_exponent
+
+
+@compiled
+def position_for(p: Parameters, clutch: int, torque: float, ready: bool) -> float:
+    """Return the actuator position in mm that gives a capacity, or the resting position for none."""
+    if torque <= 0.0:
+        return p.ready if ready else 0.0
+    share = min(1.0, torque / p.capacity_full[clutch])
+    return float(p.kiss + (p.full - p.kiss) * share ** (1.0 / p.force_exponent))
+
+
+@compiled
+def spring_torque(mechanism: Mechanism, motion: Motion, spring: int) -> float:
+    """Return k δ + b dδ/dt of one spring now."""
+    rate = 0.0
+    for i in range(N_SPEEDS):
+        rate += mechanism.spring_speed[spring, i] * motion.speed[i]
+    return float(mechanism.stiffness[spring] * motion.twist[spring] + mechanism.damping[spring] * rate)
+
+
+@compiled
+def _engage(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, shaft: int, gear: int) -> None:
+    """Join a shaft to the output shaft through the transfer shaft of ``gear``, or let it go (gear 0)."""
+    spring = TWIST_TRANSFER1 + shaft
+    a.lost_j += 0.5 * mechanism.stiffness[spring] * motion.twist[spring] ** 2
+    motion.twist[spring] = 0.0
+    a.engaged[shaft] = gear
+    rate_in = 1.0 / p.ratio[gear] if gear != 0 else 0.0
+    mechanism.stiffness[spring] = p.k_t[shaft] if gear != 0 else 0.0
+    mechanism.damping[spring] = p.b_t[shaft] if gear != 0 else 0.0
+    mechanism.spring_speed[spring, SHAFT1 + shaft] = rate_in
+    mechanism.spring_speed[spring, OUTPUT] = -p.final_drive[gear]
+
+
+@compiled
+def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, command: Any) -> None:
+    """Move the sleeves: out of a gear, to the cone of the next, and in when the cone sticks.
+
+    A gear is left only while its clutch has no capacity.
+    """
+    for shaft in range(2):
+        cone = CONE1 + shaft
+        if not a.changing[shaft]:
+            if command[shaft] != a.engaged[shaft] and motion.mode[CLUTCH1 + shaft] == FREE:
+                _engage(p, mechanism, motion, a, shaft, 0)
+                a.changing[shaft] = True
+                a.target[shaft] = command[shaft]
+                a.sleeve[shaft] = 0.0
+            continue
+        if a.target[shaft] != command[shaft]:
+            a.target[shaft] = command[shaft]
+            a.sleeve[shaft] = 0.0
+            a.cone[shaft] = 0.0
+        gear = a.target[shaft]
+        a.sleeve[shaft] += PERIOD
+        if a.sleeve[shaft] < p.sleeve_time:
+            continue
+        if gear == 0:
+            a.changing[shaft] = False
+            continue
+        total = p.ratio[gear] * p.final_drive[gear]
+        mechanism.contact[cone, SHAFT1 + shaft] = 1.0
+        mechanism.contact[cone, OUTPUT] = -total
+        if a.cone[shaft] == 0.0:
+            distance = abs(motion.speed[SHAFT1 + shaft] - total * motion.speed[OUTPUT])
+            wish = mechanism.mass[SHAFT1 + shaft] * distance / p.cone_time
+            a.cone[shaft] = min(p.cone_max, max(1.0, wish))
+        elif motion.mode[cone] == STUCK:
+            _engage(p, mechanism, motion, a, shaft, gear)
+            a.cone[shaft] = 0.0
+            a.changing[shaft] = False
+
+
+@compiled
+def _losses(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any) -> None:
+    """Set the lossy lever arms of both gears by the direction of their torque (losses always against the flow)."""
+    for shaft in range(2):
+        gear = a.engaged[shaft]
+        if gear == 0:
+            mechanism.spring_torque[TWIST_TRANSFER1 + shaft, SHAFT1 + shaft] = 0.0
+            mechanism.spring_torque[TWIST_TRANSFER1 + shaft, OUTPUT] = 0.0
+            continue
+        spring = TWIST_TRANSFER1 + shaft
+        driving = spring_torque(mechanism, motion, spring) * p.ratio[gear] >= 0.0
+        arm_in, arm_out = 1.0 / p.ratio[gear], p.final_drive[gear]
+        if driving:
+            arm_in /= p.gear_efficiency
+            arm_out *= p.final_drive_efficiency
+        else:
+            arm_in *= p.gear_efficiency
+            arm_out /= p.final_drive_efficiency
+        mechanism.spring_torque[spring, SHAFT1 + shaft] = arm_in
+        mechanism.spring_torque[spring, OUTPUT] = -arm_out
+
+
+@compiled
+def move(
+    p: Parameters,
+    mechanism: Mechanism,
+    motion: Motion,
+    loads: Loads,
+    scratch: Scratch,
+    a: Any,
+    c: Any,
+    brake: float,
+    grade: float,
+) -> None:
+    """Advance the car by one millisecond under the commands in ``c``."""
+    engine_share = 1.0 - np.exp(-STEP / p.torque_lag)
+    actuator_share = 1.0 - np.exp(-STEP / p.actuator_lag)
+    gravity = -p.weight * np.sin(grade)
+    hold = p.rolling * p.weight * np.cos(grade) + brake
+    for _ in range(SUBSTEPS):
+        _losses(p, mechanism, motion, a)
+        v = abs(motion.speed[BODY])
+        mechanism.damping[AIR] = p.air * v
+        mechanism.leak[TYRE] = v / p.tyre_relaxation
+        loads.force[0, ENGINE] = a.T_e
+        a.T_e += engine_share * (c.engine_command - a.T_e)
+        loads.force[1, ENGINE] = a.T_e
+        loads.force[:, BODY] = gravity
+        for i in range(2):
+            loads.kinetic[0, CLUTCH1 + i] = capacity(p, i, a.position[i])
+            wanted = position_for(p, i, c.capacity[i], c.ready[i])
+            a.position[i] += actuator_share * (wanted - a.position[i])
+            loads.kinetic[1, CLUTCH1 + i] = capacity(p, i, a.position[i])
+            loads.kinetic[:, CONE1 + i] = a.cone[i]
+            for end in range(2):
+                loads.static[end, CLUTCH1 + i] = p.static_ratio[i] * loads.kinetic[end, CLUTCH1 + i]
+                loads.static[end, CONE1 + i] = p.cone_static_ratio * a.cone[i]
+        loads.kinetic[:, ROAD] = hold
+        loads.static[:, ROAD] = hold
+        advance(mechanism, motion, loads, STEP, scratch)
+
+
+@compiled
+def _phase(mode: int) -> int:
+    if mode == FREE:
+        return _OPEN_PHASE
+    return _LOCKED_PHASE if mode == STUCK else _SLIPPING_PHASE
+
+
+@compiled
+def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, row: Any) -> None:
+    """Write the present state into one `TRUTH` record (time, pedal, brake and grade are the caller's)."""
+    w = motion.speed
+    row.engine_speed_rad_s = w[ENGINE]
+    row.damper_speed_rad_s = w[DAMPER]
+    row.shaft1_speed_rad_s = w[SHAFT1]
+    row.shaft2_speed_rad_s = w[SHAFT2]
+    row.output_speed_rad_s = w[OUTPUT]
+    row.wheel_speed_rad_s = w[WHEEL]
+    row.undriven_wheel_speed_rad_s = w[BODY] / p.r_w
+    row.clutch1_torque_nm = motion.torque[CLUTCH1] + spring_torque(mechanism, motion, DRAG1)
+    row.clutch2_torque_nm = motion.torque[CLUTCH2] + spring_torque(mechanism, motion, DRAG2)
+    row.output_torque_nm = spring_torque(mechanism, motion, TWIST_OUTPUT)
+    row.engine_torque_nm = a.T_e
+    row.engine_torque_nominal_nm = a.T_e
+    row.road_load_nm = p.r_w * (
+        p.weight * np.sin(row.grade_rad) + motion.torque[ROAD] + p.air * w[BODY] * abs(w[BODY])
+    )
+    row.clutch1_position_mm = a.position[0]
+    row.clutch2_position_mm = a.position[1]
+    row.clutch1_command_nm = c.capacity[0]
+    row.clutch2_command_nm = c.capacity[1]
+    row.clutch1_capacity_nm = capacity(p, 0, a.position[0])
+    row.clutch2_capacity_nm = capacity(p, 1, a.position[1])
+    row.gear1 = a.engaged[0]
+    row.gear2 = a.engaged[1]
+    row.changing1 = a.changing[0]
+    row.changing2 = a.changing[1]
+    row.phase1 = _phase(motion.mode[CLUTCH1])
+    row.phase2 = _phase(motion.mode[CLUTCH2])
+    kinetic = 0.0
+    for i in range(N_SPEEDS):
+        kinetic += 0.5 * mechanism.mass[i] * w[i] * w[i]
+    elastic = 0.0
+    for k in range(N_SPRINGS):
+        elastic += 0.5 * mechanism.stiffness[k] * motion.twist[k] ** 2
+    row.kinetic_energy_j = kinetic
+    row.elastic_energy_j = elastic
+    row.engine_work_j = motion.work[ENGINE]
+    row.grade_work_j = -motion.work[BODY]
+    row.clutch1_heat_j = motion.contact_heat[CLUTCH1] + motion.spring_heat[DRAG1]
+    row.clutch2_heat_j = motion.contact_heat[CLUTCH2] + motion.spring_heat[DRAG2]
+    row.synchroniser_heat_j = motion.contact_heat[CONE1] + motion.contact_heat[CONE2]
+    row.driveline_heat_j = a.lost_j + motion.spring_heat[TWIST_DAMPER] + motion.spring_heat[TWIST_OUTPUT]
+    for shaft in range(2):
+        row.driveline_heat_j += motion.spring_heat[TWIST_TRANSFER1 + shaft]
+        row.driveline_heat_j += motion.gear_heat[TWIST_TRANSFER1 + shaft]
+    row.tyre_heat_j = motion.spring_heat[TYRE]
+    row.road_heat_j = motion.contact_heat[ROAD] + motion.spring_heat[AIR]
+
+
+@compiled
+def run(
+    p: Parameters,
+    mechanism: Mechanism,
+    motion: Motion,
+    loads: Loads,
+    scratch: Scratch,
+    actuation: Any,
+    control: Any,
+    pedals: Floats,
+    brakes: Floats,
+    grades: Floats,
+    wanted_speed: Floats,
+    rows: Any,
+) -> None:
+    """Simulate ``len(rows)`` milliseconds; see `dctorque_can.simulation.drive.simulate`."""
+    a = actuation[0]
+    c = control[0]
+    steering = 0.0
+    for shaft in range(2):
+        _engage(p, mechanism, motion, a, shaft, a.engaged[shaft])
+    for k in range(rows.size):
+        row = rows[k]
+        pedal, brake = pedals[k], brakes[k]
+        if wanted_speed[k] >= 0.0:
+            ahead = min(rows.size - 1, k + 500)
+            pedal, brake, steering = follow(p, wanted_speed[k], wanted_speed[ahead], motion.speed[BODY], steering)
+        row.t_us = 1000 * k
+        row.pedal = pedal
+        row.grade_rad = grades[k]
+        row.brake_n = max(brake, _HILL_HOLD * p.weight if c.hold_brake else 0.0)
+        record(p, mechanism, motion, a, c, row)
+        decide(p, c, pedal, brake, motion.speed, a.T_e, motion.mode, a.engaged)
+        change_gears(p, mechanism, motion, a, c.gear_command)
+        held = max(brake, _HILL_HOLD * p.weight if c.hold_brake else 0.0)
+        move(p, mechanism, motion, loads, scratch, a, c, held, grades[k])
+
+
+@compiled
+def follow(p: Parameters, aim: float, later: float, v: float, integral: float) -> tuple[float, float, float]:
+    """Drive like a person who follows a speed: return pedal, braking force and the driver's memory.
+
+    Args:
+        p: parameters.
+        aim: speed wanted now, m/s.
+        later: speed wanted in half a second, m/s.
+        v: speed, m/s.
+        integral: memory of the last millisecond, m/s².
+    """
+    error = later - v
+    integral = min(1.5, max(-0.5, integral + 0.15 * error * PERIOD))
+    if aim < 0.05 and later < 0.05:
+        return 0.0, 0.15 * p.weight, 0.0
+    acceleration = 0.6 * error + integral + 2.0 * (later - aim)
+    if acceleration > 0.05:
+        return min(0.9, 0.06 + 0.22 * acceleration), 0.0, integral
+    if acceleration < -0.6:
+        return 0.0, min(0.6 * p.weight, p.mass * (-0.6 - acceleration)), integral
+    return 0.0, 0.0, integral
+
+
+def new_state(
+    p: Parameters,
+) -> tuple[Mechanism, Motion, Loads, Scratch, np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Return a car at rest: engine idling, first gear in, the next preselected, brake held."""
+    mechanism = new_mechanism(p)
+    motion = new_motion(N_SPEEDS, N_SPRINGS, N_CONTACTS)
+    motion.speed[[ENGINE, DAMPER]] = p.idle
+    motion.mode[:] = FREE
+    motion.mode[ROAD] = STUCK
+    actuation = np.zeros(1, ACTUATION)
+    control = np.zeros(1, CONTROL)
+    first = p.gear_shaft[1]
+    actuation["engaged"][0, first] = 1
+    actuation["engaged"][0, 1 - first] = 2
+    control["gear"] = 1
+    control["preselect"] = 2
+    control["gear_command"] = actuation["engaged"]
+    control["last_w_e"] = p.idle
+    control["hold_brake"] = True
+    control["shifted"] = 10.0
+    loads = new_loads(N_SPEEDS, N_CONTACTS)
+    return mechanism, motion, loads, new_scratch(N_SPEEDS, N_SPRINGS, N_CONTACTS), actuation, control
