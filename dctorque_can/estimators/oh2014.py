@@ -24,6 +24,8 @@ MAX_GEAR = 15
 REFERENCE_ENGINE_SPEED = 200.0  # rad/s, at which γ_e gives the adaptation time
 REFERENCE_WHEEL_ACCELERATION = 5.0  # rad/s², at which γ_t gives the adaptation time
 MAX_WHEEL_ACCELERATION = 100.0  # rad/s², far beyond any tyre
+MAX_TAU_E = 0.5  # N·m·s/rad; 100 N·m of engine torque error at the reference speed
+MAX_TAU_O = 3.0  # times J_v; no load makes a car that heavy
 STANDSTILL = 0.3  # rad/s at the wheel
 PLAUSIBLE_WHEEL_SPEED = 5.0  # rad/s; slower wheels are too coarse to be compared with a shaft
 
@@ -323,7 +325,7 @@ def correct_engine(s: Any, c: Any, pair: Any, w_e: float, h: float) -> None:
     s.T_c -= c.J_e * beta / h * e  # (60)
     impulse = c.J_e * alpha * e  # ∫ε_e dt
     d_tau_e, _ = adaptation(pair, w_e, s.a_w, impulse, 0.0)
-    s.tau_e += d_tau_e
+    s.tau_e = min(max(s.tau_e + d_tau_e, -MAX_TAU_E), MAX_TAU_E)
     if c.printed_rate_law:
         _, d_tau_o = adaptation(pair, w_e, s.a_w, 0.0, impulse)
         add_shaft_torques(s, shaft_torque_rates(c, pair, 0.0, 0.0, s.a_w * d_tau_o))
@@ -337,7 +339,7 @@ def correct_shaft(s: Any, c: Any, pair: Any, w_s: float, h: float) -> None:
     s.w_s += alpha * e
     s.T_a += pair.J_es * beta / h * e  # (64)
     _, d_tau_o = adaptation(pair, 0.0, s.a_w, 0.0, pair.J_es * alpha * e)
-    s.tau_o += d_tau_o
+    s.tau_o = min(max(s.tau_o + d_tau_o, 0.0), MAX_TAU_O * c.J_v)
     add_shaft_torques(s, shaft_torque_rates(c, pair, 0.0, 0.0, s.a_w * d_tau_o))
 
 

@@ -55,20 +55,19 @@ ESTIMATE = np.dtype(
 HEALTH = np.dtype(
     [
         ("t_us", "i8"),
-        ("accepted", "u4", (N_QUANTITIES,)),  # per Quantity, since the start
+        ("age_us", "i8", (N_QUANTITIES,)),  # per Quantity; -1: never seen
+        ("accepted", "u4", (N_QUANTITIES,)),  # samples since the start, likewise below
         ("not_available", "u4", (N_QUANTITIES,)),
         ("out_of_range", "u4", (N_QUANTITIES,)),
         ("bad_length", "u4", (N_QUANTITIES,)),
         ("bad_crc", "u4", (N_QUANTITIES,)),
         ("bad_counter", "u4", (N_QUANTITIES,)),
         ("timeouts", "u4", (N_QUANTITIES,)),  # times an input went stale
-        ("age_us", "i8", (N_QUANTITIES,)),  # -1: never seen
         ("late_frames", "u4"),  # older than the grid, taken at the grid's time
         ("gap_resets", "u4"),
         ("clock_resets", "u4"),
         ("status", "u4"),  # Status of the last estimate
     ],
-    align=True,
 )
 """One health record, cumulative since the start."""
 

@@ -1,0 +1,367 @@
+"""The core: the same bits however cut, finite whatever comes, and every rule for bad time and bad input."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dctorque_can.config.load import load_config
+from dctorque_can.driveline.phases import ClutchActuation, ClutchPhase, PhaseSource
+from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.estimator import Estimator
+from dctorque_can.pipeline.samples import Input, Quantity, Samples, SampleStatus
+from dctorque_can.pipeline.settings import DrivenAxle, GearInference
+from dctorque_can.resources import shipped_config
+
+SETTINGS = replace(load_config(shipped_config("paper_car")).settings, estimate_period_us=1000)
+VEHICLE = SETTINGS.vehicle
+R = {gear.number: gear.total_ratio for gear in VEHICLE.gears}
+Q = Quantity
+FRAMES = (  # one frame every 2.5 ms, all of them every 10 ms
+    (Q.ENGINE_SPEED, Q.ENGINE_TORQUE),
+    (Q.SHAFT1_SPEED, Q.SHAFT2_SPEED),
+    (Q.GEAR1, Q.GEAR2, Q.CLUTCH1_POSITION, Q.CLUTCH2_POSITION),
+    (Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FR, Q.WHEEL_SPEED_RL, Q.WHEEL_SPEED_RR),
+)
+
+
+def traffic(seconds, values, start_us=0):
+    """Samples of a drive; ``values(t)`` gives the value of every quantity at ``t`` seconds."""
+    rows = []
+    for k in range(int(seconds * 400)):
+        t_us = start_us + k * 2500
+        now = values((t_us - start_us) * 1e-6)
+        frame = FRAMES[k % 4]
+        rows += [(t_us, q, now[q], SampleStatus.OK, q is frame[-1]) for q in frame if q in now]
+    return samples(rows)
+
+
+def samples(rows):
+    columns = list(zip(*rows, strict=True)) if rows else [()] * 5
+    types = (np.int64, np.uint8, np.float64, np.uint8, np.bool_)
+    return Samples(*(np.array(column, kind) for column, kind in zip(columns, types, strict=True)))
+
+
+def locked_in_first(torque=100.0):
+    """A car pulled by a locked clutch 1 in first gear, gear 2 preselected and clutch 2 open: closed form."""
+    chassis, gear = VEHICLE.chassis, VEHICLE.gear(1)
+    efficiency = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency
+    one, two = (shaft.inertia_kgm2 + 0.001 for shaft in VEHICLE.shafts)
+    J_e = VEHICLE.engine_inertia_kgm2 + VEHICLE.damper.inertia_kgm2
+    J_e1 = one + two * (R[2] / R[1]) ** 2
+    load = 300.0  # N·m at the wheel, unknown to the observer
+    w_0, R_1 = 20.0, gear.total_ratio
+    # (T_e - T_c = J_e dω),  (T_c - T_o/(η R) = J_e1 dω),  (T_o - load = J_v dω/R)
+    dw = (torque - load / (efficiency * R_1)) / (J_e + J_e1 + chassis.inertia_kgm2 / (efficiency * R_1**2))
+    T_c = torque - J_e * dw
+    T_o = load + chassis.inertia_kgm2 * dw / R_1
+
+    def values(t):
+        w = w_0 * R_1 + dw * t
+        wheel = w / R_1
+        return {
+            Q.ENGINE_SPEED: w,
+            Q.ENGINE_TORQUE: torque,
+            Q.SHAFT1_SPEED: w,
+            Q.SHAFT2_SPEED: w * R[2] / R_1,
+            Q.GEAR1: 1,
+            Q.GEAR2: 2,
+            Q.CLUTCH1_POSITION: 10.0,
+            Q.CLUTCH2_POSITION: 0.0,
+            Q.WHEEL_SPEED_FL: wheel,
+            Q.WHEEL_SPEED_FR: wheel,
+            Q.WHEEL_SPEED_RL: wheel,
+            Q.WHEEL_SPEED_RR: wheel,
+        }
+
+    return values, T_c, T_o
+
+
+def test_locked_drive_gives_the_closed_form():
+    values, T_c, T_o = locked_in_first()
+    estimator = Estimator(SETTINGS)
+    row = estimator.feed(traffic(3.0, values)).rows[-1]
+    assert row["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.2)
+    assert row["clutch2_torque_nm"] == 0.0
+    assert row["output_torque_adaptive_nm"] == pytest.approx(T_o, rel=0.01)
+    assert Status(int(row["status"])) & Status.CLUTCH1_VALID
+    assert (row["phase1"], row["phase2"]) == (ClutchPhase.LOCKED, ClutchPhase.OPEN)
+    assert (row["gear1"], row["gear2"]) == (1, 2)
+
+
+def test_both_clutches_are_told_apart():
+    """Clutch 1 and 2 slip together and carry known torques; steady speeds make (65), (66) exact."""
+    T_1, T_2 = 30.0, 60.0
+    values, _, _ = locked_in_first()
+    base = values(0.0)
+    base[Q.ENGINE_SPEED] += 40.0
+    efficiency = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency
+    T_o = efficiency * (R[1] * T_1 + R[2] * T_2)
+
+    def single(t):
+        return base | {Q.ENGINE_TORQUE: T_o / efficiency / R[1]}
+
+    def both(t):
+        return base | {
+            Q.ENGINE_TORQUE: T_1 + T_2,
+            Q.CLUTCH2_POSITION: 6.0,
+        }
+
+    estimator = Estimator(SETTINGS)
+    estimator.feed(traffic(4.0, single))
+    row = estimator.feed(traffic(4.0, both, start_us=4_000_000)).rows[-1]
+    assert row["clutch1_torque_nm"] == pytest.approx(T_1, abs=1.5)
+    assert row["clutch2_torque_nm"] == pytest.approx(T_2, abs=1.5)
+    assert row["output_torque_nm"] == pytest.approx(T_o, rel=0.02)
+
+
+@st.composite
+def noisy_traffic(draw):
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    values, _, _ = locked_in_first()
+    data = traffic(draw(st.floats(0.1, 1.0)), values)
+    value = data.value + rng.normal(0, 2, len(data)) * (data.quantity < 8)
+    value[rng.random(len(data)) < 0.02] = 6.0  # odd positions, gears and speeds
+    status = np.where(rng.random(len(data)) < 0.05, rng.integers(1, 6, len(data)), 0).astype(np.uint8)
+    t_us = data.t_us.copy()
+    if draw(st.booleans()) and len(data) > 8:
+        t_us[len(data) // 2 :] += draw(st.integers(-3_000_000, 3_000_000))
+    return Samples(t_us, data.quantity, value, status, data.last)
+
+
+@given(noisy_traffic(), st.lists(st.integers(0, 1500), max_size=12))
+def test_cuts_change_no_bit(data, cuts):
+    whole = Estimator(SETTINGS).feed(data)
+    estimator = Estimator(SETTINGS)
+    edges = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
+    parts = [estimator.feed(data[a:b]) for a, b in pairwise(edges)]
+    assert np.concatenate([p.rows for p in parts]).tobytes() == whole.rows.tobytes()
+    assert np.concatenate([p.health for p in parts]).tobytes() == whole.health.tobytes()
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(-(10**7), 10**7),
+            st.sampled_from(list(Q)),
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.sampled_from([SampleStatus.OK] * 6 + list(SampleStatus)),
+            st.booleans(),
+        ),
+        max_size=300,
+    )
+)
+def test_finite_for_any_finite_input(rows):
+    values, _, _ = locked_in_first()
+    estimator = Estimator(SETTINGS)
+    for batch in (traffic(0.2, values), samples(rows), traffic(0.1, values, 500_000)):
+        result = estimator.feed(batch)
+        for name in result.rows.dtype.names:
+            assert np.isfinite(result.rows[name].astype(float)).all(), name
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_wild_measurements_stay_finite(seed):
+    """Every speed and torque anywhere within its allowed range, at the rates of a bus."""
+    rng = np.random.default_rng(seed)
+    values, _, _ = locked_in_first()
+    data = traffic(0.5, values)
+    limit = {item.quantity: (max(item.minimum, -1e6), min(item.maximum, 1e6)) for item in SETTINGS.inputs}
+    value = np.array(
+        [
+            rng.uniform(*limit[Q(q)]) if q in limit and q < 8 else v
+            for q, v in zip(data.quantity, data.value, strict=True)
+        ]
+    )
+    rows = Estimator(SETTINGS).feed(Samples(data.t_us, data.quantity, value, data.status, data.last)).rows
+    assert len(rows) > 100
+    for name in rows.dtype.names:
+        assert np.isfinite(rows[name].astype(float)).all(), name
+
+
+def test_rejected_samples_change_nothing_but_counters():
+    """Whatever fails its CRC, counter, length or range leaves the estimates bit for bit as they were."""
+    values, _, _ = locked_in_first()
+    data = traffic(1.0, values)
+    bad = [
+        (int(t) + 100, Q.ENGINE_SPEED, 0.0, status, True)
+        for t, status in zip(data.t_us[::7], [2, 3, 4, 5] * len(data), strict=False)
+    ]
+    mixed_rows = sorted(
+        [*zip(data.t_us, data.quantity, data.value, data.status, data.last, strict=True), *bad], key=lambda r: r[0]
+    )
+    clean, dirty = Estimator(SETTINGS), Estimator(SETTINGS)
+    assert clean.feed(data).rows.tobytes() == dirty.feed(samples(mixed_rows)).rows.tobytes()
+    health = dirty.health[0]
+    counted = sum(
+        int(health[name][Q.ENGINE_SPEED]) for name in ("out_of_range", "bad_length", "bad_crc", "bad_counter")
+    )
+    assert counted == len(bad)
+
+
+def test_engine_torque_missing():
+    """Engine torque stops for 300 ms: marked stale after its timeout, estimates held, valid again afterwards."""
+    values, _, _ = locked_in_first()
+    data = traffic(3.0, values)
+    gone = (data.quantity == Q.ENGINE_TORQUE) & (data.t_us > 1_000_000) & (data.t_us < 1_300_000)
+    status = np.where(gone, SampleStatus.NOT_AVAILABLE, data.status).astype(np.uint8)
+    estimator = Estimator(SETTINGS)
+    rows = estimator.feed(Samples(data.t_us, data.quantity, data.value, status, data.last)).rows
+    during = rows[(rows["t_us"] > 1_050_000) & (rows["t_us"] < 1_290_000)]
+    assert (during["status"] & Status.INPUT_STALE).all()
+    assert not (during["status"] & (Status.CLUTCH1_VALID | Status.OUTPUT_VALID)).any()
+    assert len(np.unique(during["clutch1_torque_nm"])) == 1
+    assert rows[-1]["status"] & Status.CLUTCH1_VALID
+
+
+def test_frame_gap_of_two_seconds_resets_once():
+    values, T_c, _ = locked_in_first()
+    estimator = Estimator(SETTINGS)
+    estimator.feed(traffic(1.0, values))
+    rows = estimator.feed(traffic(1.0, values, 3_000_000)).rows
+    assert int(estimator.health["gap_resets"][0]) == 1
+    assert not rows[0]["status"] & Status.CONVERGED
+    assert rows[-1]["clutch1_torque_nm"] == pytest.approx(T_c, rel=0.1)
+
+
+def test_clock_step_back_resets_once_and_goes_on():
+    values, _, _ = locked_in_first()
+    estimator = Estimator(SETTINGS)
+    estimator.feed(traffic(1.0, values, 3_600_000_000))
+    rows = estimator.feed(traffic(1.0, values, 0)).rows
+    assert int(estimator.health["clock_resets"][0]) == 1
+    assert rows[-1]["t_us"] == 997_500
+    assert rows[-1]["status"] & Status.CLUTCH1_VALID
+
+
+def test_frames_slightly_out_of_order_are_late_not_lost():
+    values, T_c, _ = locked_in_first()
+    data = traffic(2.0, values)
+    order = np.arange(len(data))
+    first = np.flatnonzero(data.quantity == Q.WHEEL_SPEED_FL)[10]
+    order[first - 4 : first + 4] = np.roll(order[first - 4 : first + 4], 4)  # two frames change places
+    estimator = Estimator(SETTINGS)
+    rows = estimator.feed(data[order]).rows
+    assert int(estimator.health["late_frames"][0]) >= 1
+    assert (np.diff(rows["t_us"]) >= 0).all()
+    assert rows[-1]["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.3)
+
+
+def test_stale_input_is_counted_once():
+    values, _, _ = locked_in_first()
+    data = traffic(2.0, values)
+    wheels = (data.quantity >= Q.WHEEL_SPEED_FL) & (data.quantity <= Q.WHEEL_SPEED_RR)
+    estimator = Estimator(SETTINGS)
+    estimator.feed(data[~(wheels & (data.t_us > 1_000_000))])
+    assert int(estimator.health["timeouts"][0][Q.WHEEL_SPEED_RL]) == 1
+
+
+def inputs_with(*quantities):
+    return (*SETTINGS.inputs, *(Input(q, (), -1e6, 1e6, 200_000) for q in quantities))
+
+
+@pytest.mark.parametrize(
+    ("source", "quantity", "open_value", "closed_value"),
+    [
+        (PhaseSource.FLAG, Q.CLUTCH2_OPEN, 1.0, 0.0),
+        (PhaseSource.COMMAND, Q.CLUTCH2_COMMAND, 0.0, 80.0),
+        (PhaseSource.POSITION, Q.CLUTCH2_POSITION, 8.0, 2.0),  # a clutch that closes with falling position
+    ],
+)
+def test_phase_from_any_source(source, quantity, open_value, closed_value):
+    actuation = ClutchActuation(source, 5.0, 1.0, closes_increasing=False)
+    settings = replace(
+        SETTINGS,
+        inputs=inputs_with(quantity),
+        phases=replace(SETTINGS.phases, clutches=(SETTINGS.phases.clutches[0], actuation)),
+    )
+    values, _, _ = locked_in_first()
+    rows = []
+    for value in (open_value, closed_value):
+        data = traffic(0.5, values)
+        extra = (int(data.t_us[0]), quantity, value, SampleStatus.OK, True)
+        head = [extra]
+        estimator = Estimator(replace(settings))
+        keep = data.quantity != quantity
+        body = list(zip(data.t_us, data.quantity, data.value, data.status, data.last, strict=True))
+        kept = [row for row, k in zip(body, keep, strict=True) if k]
+        kept = [(t, q, v, s, bool(last) or q == Q.CLUTCH1_POSITION) for t, q, v, s, last in kept]
+        repeated = [(t, quantity, value, SampleStatus.OK, True) for t in range(0, 500_000, 10_000)]
+        merged = sorted([*head, *kept, *repeated], key=lambda row: row[0])
+        rows.append(estimator.feed(samples(merged)).rows[-1])
+    assert rows[0]["phase2"] == ClutchPhase.OPEN
+    assert rows[1]["phase2"] == ClutchPhase.SLIPPING
+
+
+def test_position_has_hysteresis():
+    """Noise around the kissing point must not make the phase flicker."""
+    actuation = SETTINGS.phases.clutches[1]
+    values, _, _ = locked_in_first()
+    wiggle = 0.45 * actuation.hysteresis
+
+    def noisy(t):
+        return values(t) | {Q.CLUTCH2_POSITION: actuation.threshold + wiggle * (-1) ** int(t * 100)}
+
+    rows = Estimator(SETTINGS).feed(traffic(1.0, noisy)).rows
+    assert len(np.unique(rows["phase2"][rows["t_us"] > 100_000])) == 1
+
+
+def test_gears_from_speed_ratios():
+    """Without gear signals the ratio of shaft to driven wheels tells them, also while clutch 2's gear changes."""
+    inference = GearInference(0.02, 0.05, 60_000, 3.0)
+    settings = replace(
+        SETTINGS,
+        gear_inference=inference,
+        inputs=tuple(i for i in SETTINGS.inputs if i.quantity not in (Q.GEAR1, Q.GEAR2)),
+    )
+    values, T_c, _ = locked_in_first()
+
+    def without_signals(t):
+        now = values(t)
+        del now[Q.GEAR1], now[Q.GEAR2]
+        if 1.0 < t < 1.5:
+            now[Q.SHAFT2_SPEED] *= 0.8  # synchronising
+        return now
+
+    rows = Estimator(settings).feed(traffic(3.0, without_signals)).rows
+    at = {ms: rows[np.searchsorted(rows["t_us"], ms * 1000)] for ms in (900, 1300, 2900)}
+    assert [(int(r["gear1"]), int(r["gear2"])) for r in at.values()] == [(1, 2), (1, 0), (1, 2)]
+    assert at[2900]["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.5)
+
+
+def test_wrong_gear_signal_is_implausible():
+    values, _, _ = locked_in_first()
+    rows = Estimator(SETTINGS).feed(traffic(2.0, lambda t: values(t) | {Q.GEAR1: 3})).rows
+    assert rows[-1]["status"] & Status.SPEED_IMPLAUSIBLE
+    assert not rows[-1]["status"] & Status.CLUTCH1_VALID
+
+
+@pytest.mark.parametrize("axle", list(DrivenAxle))
+def test_undriven_wheels_give_the_acceleration(axle):
+    """A spinning driven axle is not taken for the car's acceleration; with four driven wheels there is no help."""
+    values, _, _ = locked_in_first()
+    accelerations = []
+    for spinning in ((Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FR), (Q.WHEEL_SPEED_RL, Q.WHEEL_SPEED_RR)):
+        data = traffic(1.0, lambda t, spin=spinning: values(t) | {q: values(t)[q] * (1 + 0.2 * t) for q in spin})
+        rows = Estimator(replace(SETTINGS, driven_axle=axle)).feed(data).rows
+        accelerations.append(float(rows[-1]["wheel_acceleration_rad_s2"]))
+    truth = (values(1.0)[Q.WHEEL_SPEED_FL] - values(0.0)[Q.WHEEL_SPEED_FL]) / 1.0
+    deviates = [abs(a - truth) > 0.5 for a in accelerations]
+    assert (
+        deviates
+        == {
+            DrivenAxle.FRONT: [False, True],
+            DrivenAxle.REAR: [True, False],
+            DrivenAxle.ALL: [True, True],
+        }[axle]
+    )
+
+
+def test_equal_ratios_are_refused():
+    gears = tuple(replace(g, ratio=3.78) if g.number == 2 else g for g in VEHICLE.gears)
+    with pytest.raises(DctorqueError, match="gears 1 and 2 have the same total ratio"):
+        Estimator(replace(SETTINGS, vehicle=replace(VEHICLE, gears=gears)))
