@@ -86,7 +86,7 @@ class McapFile:
 
     Attributes:
         profile: e.g. "ros2".
-        definitions: schemas and channels that stand outside of the chunks, then all that `runs` met.
+        definitions: schemas and channels that stand outside of the chunks; the others must be learnt from `runs`.
         attachments: in the order of the file.
         metadata: by name.
         lost: what could not be read; complete after `runs` is exhausted.
@@ -104,6 +104,8 @@ class McapFile:
         self.position = 0
         self._pieces: list[tuple[int, int, bool]] = []
         self._tail: tuple[int, int] | None = None
+        if not path.is_file():
+            raise LogReadError(f"{path}: there is no such file")
         with path.open("rb") as file:
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 raise LogReadError(f"{path}: is no MCAP file: it does not begin with the MCAP magic bytes")
@@ -128,7 +130,7 @@ class McapFile:
                     self._take(position, end)
                 except (McapError, ValueError, IndexError) as error:
                     self.lost.append(Lost(position, end - position, f"damaged record: {error}"))
-                if self._map[position] in (Opcode.DATA_END, Opcode.FOOTER):
+                if self._map[position] == Opcode.FOOTER:
                     break
                 position = end
         else:

@@ -152,8 +152,6 @@ def read_table(path: Path | str, table: Table | str) -> NDArray[np.void]:
         LogReadError: no such file, no such topic, or messages of another kind under that topic.
     """
     path = Path(path)
-    if not path.is_file():
-        raise LogReadError(f"{path}: there is no such file")
     file = McapFile(path)
     topic = table if isinstance(table, str) else table.topic
     found: Table | None = None
@@ -280,8 +278,7 @@ def _read_frames(
         if found != 0 and end >= start + 12 and data[position + _HEAD + 1] == 1:
             text = little_endian(data, start + 8, 4)
             at = start + ((12 + text + 3) & ~3)
-            tail = 12 if found == _CLASSIC else 75
-            if at + 4 + tail <= end:
+            if at + (16 if found == _CLASSIC else 75) <= end:
                 times[row] = little_endian(data, position + RECORD_HEAD + 6, 8)
                 sec[row] = np.int32(little_endian(data, start, 4))
                 nanosec[row] = little_endian(data, start + 4, 4)
