@@ -1,4 +1,4 @@
-"""``tools/with-vcan``: its command line. That it gives real interfaces is shown by the tests marked ``socketcan``."""
+"""``tools/with-vcan``: its command line. The tests marked ``socketcan`` show that it gives real interfaces."""
 
 import subprocess
 from pathlib import Path
