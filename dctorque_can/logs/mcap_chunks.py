@@ -218,16 +218,13 @@ class ChunkedFile:
         return starts
 
     def finish(self) -> None:
-        """Write the last chunk and the index of the file, and close it. After a failed write only close it."""
+        """Write the last chunk and the index of the file, and close it; a failed write has closed it already."""
         if self._file.closed:
             return
-        try:
-            if not self._failed:
-                self.flush()
-                self._write_record(DataEnd(0))
-                self._write_summary()
-        finally:
-            self._file.close()
+        self.flush()
+        self._write_record(DataEnd(0))
+        self._write_summary()
+        self._file.close()
 
     def _write_summary(self) -> None:
         groups: list[tuple[Opcode, list[McapRecord]]] = [
@@ -277,6 +274,7 @@ class ChunkedFile:
                 rest = rest[self._file.write(rest) :]
         except OSError as error:
             self._failed = True
+            self._file.close()
             raise LogWriteError(
                 f"{self.path}: writing failed after {self.size} bytes: {error.strerror}; "
                 "what was written before can be read"

@@ -91,7 +91,7 @@ class McapFile:
         metadata: by name.
         lost: what could not be read; complete after `runs` is exhausted.
         complete: the file was closed properly: stock readers open it.
-        position: bytes that `runs` has passed.
+        position: bytes up to the end of what `runs` has given.
     """
 
     def __init__(self, path: Path) -> None:
@@ -133,9 +133,8 @@ class McapFile:
                 if self._map[position] == Opcode.FOOTER:
                     break
                 position = end
-        else:
-            if not self.lost:
-                self.lost.append(Lost(self.size, 0, "the file was not closed: its end is missing"))
+        if not self.complete and not self.lost:
+            self.lost.append(Lost(self.size, 0, "the file was not closed: its end is missing"))
 
     def _record_end(self, position: int) -> tuple[int, str]:
         if position >= self.size:
@@ -198,13 +197,13 @@ class McapFile:
             LogReadError: a chunk is compressed in a way that is not known.
         """
         for start, end, is_chunk in self._pieces:
+            self.position = end
             if is_chunk:
                 records = self._chunk(start, end)
                 if records is not None:
                     yield records
             else:
                 yield self._bytes[start:end]
-            self.position = end
         self.position = self.size
 
     def _chunk(self, start: int, end: int) -> NDArray[np.uint8] | None:

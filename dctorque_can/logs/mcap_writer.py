@@ -181,7 +181,7 @@ class McapLog:
         self._file.flush()
 
     def close(self) -> None:
-        """Write the rest and the index, and close the file; after a failed write, only close it."""
+        """Write the rest and the index, and close the file; a failed write has closed it already."""
         self._file.finish()
 
     def __enter__(self) -> Self:

@@ -69,6 +69,8 @@ def recover(path: Path | str, out: Path | str, progress: Callable[[float], None]
             copy.take(records)
             if progress:
                 progress(source.position / source.size)
+        if progress:
+            progress(1.0)
         before = copy.messages
         tail = source.broken_tail()
         if tail is not None:
