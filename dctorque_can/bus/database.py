@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import InvalidOperation
 from pathlib import Path
 
 import cantools
@@ -54,8 +55,10 @@ def load_database(files: Sequence[DatabaseFile]) -> Database:
         raise DatabaseError("\n".join(faults + conflicts))
     if len(databases) == 1:
         return databases[0][1]
-    nodes = [node for _, database in databases for node in database.nodes]
-    return Database(messages=messages, nodes=nodes, strict=False)  # each was checked as strictly as asked
+    nodes = {node.name: node for _, database in databases for node in database.nodes}
+    return Database(
+        messages=messages, nodes=list(nodes.values()), strict=False
+    )  # each was checked as strictly as asked
 
 
 def _load(file: DatabaseFile) -> Database:
@@ -87,7 +90,9 @@ def _parse(text: str, strict: bool) -> tuple[Database | None, str]:
         cause = getattr(error, "e_dbc", None) or error
         if isinstance(cause, KeyError):
             return None, f"{cause} is used but not defined"
-        return None, " ".join(str(cause).split()) or type(cause).__name__
+        if isinstance(cause, InvalidOperation):
+            return None, "a number is expected where there is none"
+        return None, " ".join(str(cause).split()).rstrip(".") or type(cause).__name__
     assert isinstance(database, Database)
     return database, ""
 
@@ -121,27 +126,23 @@ def _line_of(reason: str, text: str) -> int:
 def _merge(databases: Sequence[tuple[Path, Database]]) -> tuple[list[Message], list[str]]:
     """Return the messages of all files, and a line for each that contradicts one of an earlier file."""
     messages: list[Message] = []
-    by_name: dict[str, tuple[Path, Message]] = {}
-    by_id: dict[tuple[int, bool], tuple[Path, Message]] = {}
+    earlier: dict[object, tuple[Path, Message]] = {}
     conflicts: list[str] = []
     for path, database in databases:
+        added: dict[object, tuple[Path, Message]] = {}
         for message in database.messages:
-            key = (message.frame_id, message.is_extended_frame)
-            earlier = by_name.get(message.name) or by_id.get(key)
-            if earlier is None or earlier[0] is path:
+            identifier = (message.frame_id, message.is_extended_frame)
+            found = earlier.get(message.name) or earlier.get(identifier)
+            if found is None:
                 messages.append(message)
-                by_name.setdefault(message.name, (path, message))
-                by_id.setdefault(key, (path, message))
-            elif not _equal(earlier[1], message):
+                added[message.name] = added[identifier] = (path, message)
+            elif _definition(found[1]) != _definition(message):
                 conflicts.append(
                     f"{path}: message {message.name} (id 0x{message.frame_id:X}) contradicts "
-                    f"{earlier[1].name} (id 0x{earlier[1].frame_id:X}) of {earlier[0]}; leave one of them out"
+                    f"{found[1].name} (id 0x{found[1].frame_id:X}) of {found[0]}; leave one of them out"
                 )
+        earlier |= added
     return messages, conflicts
-
-
-def _equal(one: Message, other: Message) -> bool:
-    return _definition(one) == _definition(other)
 
 
 def _definition(message: Message) -> tuple[object, ...]:

@@ -1,0 +1,134 @@
+"""CAN frames to samples by DBC: the one decoder of live bus and replay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import numpy as np
+from cantools.database.can import Database
+from numpy.typing import NDArray
+
+from dctorque_can.bus.layout import MAX_BYTES
+from dctorque_can.bus.loop import MESSAGE_STATE, SCRATCH, TERM_STATE, decode_frames
+from dctorque_can.bus.problems import InputError, input_problems
+from dctorque_can.bus.tables import build_tables
+from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.samples import Input, Protection, Samples
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+class Decoder:
+    """Decoder of the frames that carry the inputs of an estimator.
+
+    Rules:
+
+    * Frames are taken from every channel. Remote frames, error frames and frames sent by us are ignored, as are
+      identifiers that no input reads.
+    * A frame gives its samples together, in order of `Quantity`, ``last`` set on the final one.
+    * A frame that is too short for its DBC message, has a wrong CRC or a wrong alive counter gives one sample per
+      quantity of its message with that status and value 0, and changes no value. A longer frame is accepted: its
+      end is padding, and the CRC covers the DBC's length.
+    * The alive counter may step by 1..max_counter_delta. A repeated counter is rejected. After a larger step,
+      which is rejected too, the next step counts from there. After the shortest timeout of its inputs without any
+      frame that passes the CRC, a message may go on with any counter.
+    * A raw value that is listed as not available, is missing in `Term.values`, or is NaN or infinite gives
+      NOT_AVAILABLE; the latest usable value of the term stays.
+    * A multiplexed signal gives a sample only in frames whose multiplexers select it.
+    * An input of several messages is renewed by each of them with the latest values of the others while those are
+      younger than the input's timeout; otherwise there is no sample. The range holds for the sum: OUT_OF_RANGE
+      leaves the terms as received, so that the next frame can repair the sum.
+
+    The result does not depend on how the frames are cut into batches. Making a decoder compiles the loop, or loads
+    it from disk, so that the first frame is as quick as the next.
+
+    Args:
+        database: with every message that the inputs name.
+        inputs: at most one per quantity.
+        protections: at most one per message.
+
+    Raises:
+        InputError: inputs or protections do not fit the database; all problems at once.
+    """
+
+    def __init__(
+        self, database: Database, inputs: Sequence[Input], protections: Sequence[Protection] = ()
+    ) -> None:
+        problems = input_problems(database, inputs, protections)
+        if problems:
+            raise InputError(problems)
+        tables = build_tables(database, inputs, protections)
+        self._static = (
+            *(tables.standard, tables.extended, tables.messages, tables.pairs, tables.inputs),
+            *(tables.terms, tables.conditions, tables.fields, tables.raws),
+            np.zeros(len(tables.messages), MESSAGE_STATE),
+            np.zeros(len(tables.terms), TERM_STATE),
+            np.zeros(1, SCRATCH),
+        )
+        self._most_per_frame = int(tables.messages["n_pairs"].max(initial=0))
+        standard = np.flatnonzero(tables.standard >= 0)
+        self._can_ids = frozenset(map(int, (*standard, *tables.extended["can_id"])))
+        self._one = Frames.empty(1, MAX_BYTES)
+        self._one_payload = memoryview(self._one.data[0])
+        self._none = self.decode(Frames.empty())
+
+    @property
+    def can_ids(self) -> frozenset[int]:
+        """The identifiers that are read, with `EXTENDED_ID` set for 29-bit ones; every other frame is ignored."""
+        return self._can_ids
+
+    def decode(self, frames: Frames) -> Samples:
+        """Return the samples of the frames, in their order."""
+        return self._decode(
+            _plain(frames.t_us),
+            _plain(frames.can_id),
+            _plain(frames.length),
+            _plain(frames.flags),
+            _plain(frames.data),
+        )
+
+    def decode_one(self, t_us: int, can_id: int, data: bytes | bytearray, flags: int = 0) -> Samples:
+        """Return the samples of one frame: the same as `decode`, without the cost of building `Frames`.
+
+        Args:
+            t_us: time of the frame, µs.
+            can_id: with `EXTENDED_ID` set for a 29-bit identifier.
+            data: at most 64 payload bytes.
+            flags: bits of `FrameFlag`.
+        """
+        if can_id not in self._can_ids:
+            return self._none
+        one = self._one
+        one.t_us[0] = t_us
+        one.can_id[0] = can_id
+        one.length[0] = len(data)
+        one.flags[0] = flags
+        self._one_payload[: len(data)] = data
+        return self._decode(one.t_us, one.can_id, one.length, one.flags, one.data)
+
+    def _decode(
+        self,
+        frame_t_us: NDArray[np.int64],
+        can_id: NDArray[np.uint32],
+        length: NDArray[np.uint8],
+        flags: NDArray[np.uint8],
+        data: NDArray[np.uint8],
+    ) -> Samples:
+        room = len(frame_t_us) * self._most_per_frame
+        t_us = np.empty(room, np.int64)
+        quantity = np.empty(room, np.uint8)
+        value = np.empty(room, np.float64)
+        status = np.empty(room, np.uint8)
+        last = np.empty(room, np.bool_)
+        n = decode_frames(
+            *(frame_t_us, can_id, length, flags, data),
+            *self._static,
+            *(t_us, quantity, value, status, last),
+        )
+        return Samples(t_us[:n], quantity[:n], value[:n], status[:n], last[:n])
+
+
+def _plain(column: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Return a contiguous, aligned, writeable array, so that one compiled loop fits all."""
+    return column if column.flags.carray else column.copy()

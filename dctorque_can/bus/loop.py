@@ -1,0 +1,257 @@
+"""The compiled loop from frames to samples: frame after frame, the same for one and for a million."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.bus.layout import Coding
+from dctorque_can.bus.protection import CRC_TABLES
+from dctorque_can.bus.tables import N_STANDARD_IDS
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.pipeline.frames import FrameFlag
+from dctorque_can.pipeline.samples import SampleStatus
+
+MESSAGE_STATE = np.dtype([("counter", "i8"), ("t_us", "i8"), ("synchronised", "b1")], align=True)
+"""Alive counter of a message: the last one, when a frame with a correct CRC was last seen."""
+
+TERM_STATE = np.dtype([("value", "f8"), ("t_us", "i8"), ("known", "b1")], align=True)
+"""Latest value of a term, SI."""
+
+SCRATCH = np.dtype(
+    {"names": ["bits", "as_f32", "as_f64"], "formats": ["<u8", "<f4", "<f8"], "offsets": [0, 0, 0], "itemsize": 8}
+)
+"""One word that is written as bits and read as a number."""
+
+# Compiled code takes enum members as plain numbers.
+OK = int(SampleStatus.OK)
+NOT_AVAILABLE = int(SampleStatus.NOT_AVAILABLE)
+OUT_OF_RANGE = int(SampleStatus.OUT_OF_RANGE)
+BAD_LENGTH = int(SampleStatus.BAD_LENGTH)
+BAD_CRC = int(SampleStatus.BAD_CRC)
+BAD_COUNTER = int(SampleStatus.BAD_COUNTER)
+UNSIGNED, SIGNED, FLOAT32 = int(Coding.UNSIGNED), int(Coding.SIGNED), int(Coding.FLOAT32)
+IGNORED = int(FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.SENT)
+
+Table = NDArray[Any]  # structured arrays of tables.py; their fields are numbers
+
+
+@compiled_without_allocation
+def _message_of(can_id: int, standard: Table, extended: Table) -> int:
+    """Return the index of the message with an identifier, -1 when nothing reads it."""
+    if can_id < N_STANDARD_IDS:
+        return standard[can_id]  # type: ignore[no-any-return]
+    low, high = 0, len(extended)
+    while low < high:
+        middle = (low + high) // 2
+        if extended[middle].can_id < can_id:
+            low = middle + 1
+        else:
+            high = middle
+    if low < len(extended) and extended[low].can_id == can_id:
+        return extended[low].message  # type: ignore[no-any-return]
+    return -1
+
+
+@compiled_without_allocation
+def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
+    """Return the raw bits of a signal."""
+    byte = field.lsb_byte
+    bits = np.uint64(data[i, byte]) >> field.shift
+    position = np.uint64(8) - field.shift
+    for _ in range(field.n_bytes - 1):
+        byte += field.step
+        bits |= np.uint64(data[i, byte]) << position
+        position += np.uint64(8)
+    return bits & field.mask  # type: ignore[no-any-return]
+
+
+@compiled_without_allocation
+def _find(raws: Table, first: int, n: int, bits: np.uint64) -> int:
+    """Return the row of ``raws`` with these bits, -1 for none."""
+    for row in range(first, first + n):
+        if raws[row].bits == bits:
+            return row
+    return -1
+
+
+@compiled_without_allocation
+def _crc_fits(data: NDArray[np.uint8], i: int, message: Any, counter: np.int64, raws: Table) -> bool:
+    register = message.crc_start
+    for byte in range(message.length):
+        if byte != message.crc_byte:
+            register = CRC_TABLES[message.crc_table, register ^ data[i, byte]]
+    if message.crc_first_id >= 0:
+        register = CRC_TABLES[message.crc_table, register ^ np.uint8(raws[message.crc_first_id + counter].bits)]
+    return register ^ message.crc_final == data[i, message.crc_byte]  # type: ignore[no-any-return]
+
+
+@compiled_without_allocation
+def _check_frame(
+    t_us: int,
+    length: np.int64,
+    data: NDArray[np.uint8],
+    i: int,
+    message: Any,
+    state: Any,
+    fields: Table,
+    raws: Table,
+) -> int:
+    """Return the status of a frame as a whole, and renew the counter of its message.
+
+    The counter may step by 1..max_counter_delta. A repeated one is rejected. A larger step is rejected too, but
+    the next step is measured from there. After a silence of the message's timeout (or a step of the clock that
+    large) any counter is accepted. Silence means: no frame with a correct CRC, so a sender that repeats one
+    frame for ever is never accepted again.
+    """
+    if length < message.length or data.shape[1] < message.length:
+        return BAD_LENGTH
+    counter = np.int64(0)
+    if message.counter_field >= 0:
+        counter = np.int64(_read_bits(data, i, fields[message.counter_field]))
+    if message.crc_table >= 0 and not _crc_fits(data, i, message, counter, raws):
+        return BAD_CRC
+    if message.counter_field < 0:
+        return OK
+    if counter >= message.counter_modulus:
+        return BAD_COUNTER
+    resynchronise = not state.synchronised or abs(t_us - state.t_us) >= message.timeout_us
+    step = (counter - state.counter) % message.counter_modulus
+    state.t_us = t_us
+    state.counter = counter
+    state.synchronised = True
+    if resynchronise or 1 <= step <= message.max_counter_delta:
+        return OK
+    return BAD_COUNTER
+
+
+@compiled_without_allocation
+def _is_selected(
+    data: NDArray[np.uint8], i: int, term: Any, conditions: Table, fields: Table, raws: Table
+) -> bool:
+    """Return whether the multiplexers of a signal select it in this frame."""
+    for k in range(term.first_condition, term.first_condition + term.n_conditions):
+        condition = conditions[k]
+        bits = _read_bits(data, i, fields[condition.field])
+        if _find(raws, condition.first_raw, condition.n_raws, bits) < 0:
+            return False
+    return True
+
+
+@compiled_without_allocation
+def _physical(bits: np.uint64, term: Any, scratch: Any) -> float:
+    """Return the physical value of raw bits in the DBC's unit."""
+    if term.coding == UNSIGNED:
+        number = np.float64(bits)
+    elif term.coding == SIGNED:
+        number = np.float64(np.int64(bits << term.unused_bits) >> np.int64(term.unused_bits))
+    else:
+        scratch.bits = bits
+        number = np.float64(scratch.as_f32) if term.coding == FLOAT32 else scratch.as_f64
+    return number * term.scale + term.offset  # type: ignore[no-any-return]
+
+
+@compiled_without_allocation
+def _renew_term(
+    t_us: int,
+    data: NDArray[np.uint8],
+    i: int,
+    term: Any,
+    state: Any,
+    fields: Table,
+    raws: Table,
+    scratch: Any,
+) -> int:
+    """Read one signal; only a usable value changes the state. Return its status."""
+    bits = _read_bits(data, i, fields[term.field])
+    if _find(raws, term.first_not_available, term.n_not_available, bits) >= 0:
+        return NOT_AVAILABLE
+    if term.n_values > 0:
+        row = _find(raws, term.first_value, term.n_values, bits)
+        if row < 0:
+            return NOT_AVAILABLE
+        number = raws[row].value
+    else:
+        number = _physical(bits, term, scratch)
+    value = term.factor * number + term.si_offset
+    if not np.isfinite(value):
+        return NOT_AVAILABLE
+    state.value = value
+    state.t_us = t_us
+    state.known = True
+    return OK
+
+
+@compiled_without_allocation
+def decode_frames(
+    t_us: NDArray[np.int64],
+    can_id: NDArray[np.uint32],
+    length: NDArray[np.uint8],
+    flags: NDArray[np.uint8],
+    data: NDArray[np.uint8],
+    standard: Table,
+    extended: Table,
+    messages: Table,
+    pairs: Table,
+    inputs: Table,
+    terms: Table,
+    conditions: Table,
+    fields: Table,
+    raws: Table,
+    message_states: Table,
+    term_states: Table,
+    scratch: Table,
+    out_t_us: NDArray[np.int64],
+    out_quantity: NDArray[np.uint8],
+    out_value: NDArray[np.float64],
+    out_status: NDArray[np.uint8],
+    out_last: NDArray[np.bool_],
+) -> int:
+    """Decode frames in order and return the number of samples written.
+
+    The tables are those of `DecoderTables`; the states and the one row of scratch belong to the caller; the
+    outputs have room for every input of every frame.
+    """
+    n = 0
+    for i in range(len(t_us)):
+        m = _message_of(can_id[i], standard, extended)
+        if m < 0 or flags[i] & IGNORED:
+            continue
+        message = messages[m]
+        first = n
+        frame_status = _check_frame(
+            t_us[i], np.int64(length[i]), data, i, message, message_states[m], fields, raws
+        )
+        for pair in range(message.first_pair, message.first_pair + message.n_pairs):
+            given = inputs[pairs[pair]]
+            status, value, renewed = frame_status, 0.0, frame_status != OK
+            if frame_status == OK:
+                for k in range(given.first_term, given.first_term + given.n_terms):
+                    if terms[k].message == m and _is_selected(data, i, terms[k], conditions, fields, raws):
+                        renewed = True
+                        term_status = _renew_term(
+                            t_us[i], data, i, terms[k], term_states[k], fields, raws, scratch[0]
+                        )
+                        status = max(status, term_status)
+            if renewed and status == OK:
+                for k in range(given.first_term, given.first_term + given.n_terms):
+                    state = term_states[k]
+                    value += state.value
+                    if not state.known or abs(t_us[i] - state.t_us) >= given.timeout_us:
+                        renewed = False
+                if not np.isfinite(value):
+                    status, value = NOT_AVAILABLE, 0.0
+                elif not given.minimum <= value <= given.maximum:
+                    status, value = OUT_OF_RANGE, 0.0
+            if renewed:
+                out_t_us[n] = t_us[i]
+                out_quantity[n] = given.quantity
+                out_value[n] = value
+                out_status[n] = status
+                out_last[n] = False
+                n += 1
+        if n > first:
+            out_last[n - 1] = True
+    return n

@@ -1,0 +1,213 @@
+"""What the compiled decoder must know of a DBC, as flat tables: built once, read for every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from cantools.database.can import Database, Message, Signal
+from numpy.typing import NDArray
+
+from dctorque_can.bus.layout import SignalLayout, selectors
+from dctorque_can.bus.protection import Checksum
+from dctorque_can.pipeline.frames import EXTENDED_ID
+from dctorque_can.pipeline.samples import Input, Protection, Term
+
+N_STANDARD_IDS = 2048
+
+FIELD = np.dtype(
+    [("lsb_byte", "i8"), ("step", "i8"), ("n_bytes", "i8"), ("shift", "u8"), ("mask", "u8")], align=True
+)
+"""Where the bits of a signal lie, see `SignalLayout`."""
+
+RAW = np.dtype([("bits", "u8"), ("value", "f8")], align=True)
+"""A raw value with a meaning: "not available", an id of a multiplexer, or a key of `Term.values`."""
+
+CONDITION = np.dtype([("field", "i8"), ("first_raw", "i8"), ("n_raws", "i8")], align=True)
+"""A multiplexer and the ids under which it selects a signal."""
+
+TERM = np.dtype(
+    [
+        ("message", "i8"),
+        ("field", "i8"),
+        ("coding", "i8"),
+        ("unused_bits", "u8"),  # 64 - length
+        ("scale", "f8"),
+        ("offset", "f8"),
+        ("factor", "f8"),
+        ("si_offset", "f8"),
+        ("first_condition", "i8"),
+        ("n_conditions", "i8"),
+        ("first_not_available", "i8"),
+        ("n_not_available", "i8"),
+        ("first_value", "i8"),
+        ("n_values", "i8"),
+    ],
+    align=True,
+)
+"""One `Term`; those of one input stand together."""
+
+INPUT = np.dtype(
+    [
+        ("quantity", "u1"),
+        ("first_term", "i8"),
+        ("n_terms", "i8"),
+        ("minimum", "f8"),
+        ("maximum", "f8"),
+        ("timeout_us", "i8"),
+    ],
+    align=True,
+)
+"""One `Input`."""
+
+MESSAGE = np.dtype(
+    [
+        ("length", "i8"),
+        ("first_pair", "i8"),
+        ("n_pairs", "i8"),
+        ("timeout_us", "i8"),  # the shortest of its inputs
+        ("counter_field", "i8"),  # -1: no counter
+        ("counter_modulus", "i8"),
+        ("max_counter_delta", "i8"),
+        ("crc_table", "i8"),  # -1: no CRC
+        ("crc_start", "u1"),
+        ("crc_final", "u1"),
+        ("crc_byte", "i8"),
+        ("crc_first_id", "i8"),  # rows of RAW with the data ids of profile 2, -1: none
+    ],
+    align=True,
+)
+"""One message that an input reads."""
+
+EXTENDED = np.dtype([("can_id", "u4"), ("message", "i8")], align=True)
+"""One 29-bit identifier; sorted."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecoderTables:
+    """The tables of one decoder.
+
+    Attributes:
+        standard: int64 ``[2048]``, message of an 11-bit identifier, -1 for none.
+        extended: `EXTENDED`.
+        messages: `MESSAGE`.
+        pairs: int64, the inputs that a message renews, in order of quantity.
+        inputs: `INPUT`.
+        terms: `TERM`.
+        conditions: `CONDITION`.
+        fields: `FIELD`.
+        raws: `RAW`.
+    """
+
+    standard: NDArray[np.int64]
+    extended: NDArray[np.void]
+    messages: NDArray[np.void]
+    pairs: NDArray[np.int64]
+    inputs: NDArray[np.void]
+    terms: NDArray[np.void]
+    conditions: NDArray[np.void]
+    fields: NDArray[np.void]
+    raws: NDArray[np.void]
+
+
+@dataclass(slots=True)
+class _Rows:
+    """Rows of the tables while they are written."""
+
+    messages: list[tuple[object, ...]] = field(default_factory=list)
+    pairs: list[int] = field(default_factory=list)
+    inputs: list[tuple[object, ...]] = field(default_factory=list)
+    terms: list[tuple[object, ...]] = field(default_factory=list)
+    conditions: list[tuple[object, ...]] = field(default_factory=list)
+    fields: list[tuple[object, ...]] = field(default_factory=list)
+    raws: list[tuple[int, float]] = field(default_factory=list)
+
+    def add_field(self, signal: Signal) -> int:
+        layout = SignalLayout.of(signal)
+        self.fields.append((layout.lsb_byte, layout.step, layout.n_bytes, layout.shift, layout.mask))
+        return len(self.fields) - 1
+
+    def add_raws(self, raws: dict[int, float]) -> tuple[int, int]:
+        self.raws += sorted(raws.items())
+        return len(self.raws) - len(raws), len(raws)
+
+
+def build_tables(database: Database, inputs: Sequence[Input], protections: Sequence[Protection]) -> DecoderTables:
+    """Return the tables of inputs and protections that have no `input_problems`."""
+    rows = _Rows()
+    by_name = {message.name: message for message in database.messages}
+    names = list(dict.fromkeys(term.message for each in inputs for term in each.terms))
+    index = {name: k for k, name in enumerate(names)}
+    for each in inputs:
+        first = len(rows.terms)
+        for term in each.terms:
+            _add_term(rows, by_name[term.message], term, index[term.message])
+        bounds = (each.minimum, each.maximum, each.timeout_us)
+        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds))
+    protection_of = {protection.message: protection for protection in protections}
+    in_order = sorted(range(len(inputs)), key=lambda k: inputs[k].quantity)
+    for name in names:
+        renewed = [k for k in in_order if any(term.message == name for term in inputs[k].terms)]
+        timeout_us = min(inputs[k].timeout_us for k in renewed)
+        _add_message(rows, by_name[name], protection_of.get(name, Protection(name)), renewed, timeout_us)
+    standard = np.full(N_STANDARD_IDS, -1, np.int64)
+    extended = []
+    for name in names:
+        message = by_name[name]
+        if message.is_extended_frame:
+            extended.append((message.frame_id | EXTENDED_ID, index[name]))
+        else:
+            standard[message.frame_id] = index[name]
+    return DecoderTables(
+        standard,
+        np.array(sorted(extended), EXTENDED),
+        np.array(rows.messages, MESSAGE),
+        np.array(rows.pairs, np.int64),
+        np.array(rows.inputs, INPUT),
+        np.array(rows.terms, TERM),
+        np.array(rows.conditions, CONDITION),
+        np.array(rows.fields, FIELD),
+        np.array(rows.raws, RAW),
+    )
+
+
+def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> None:
+    signal = next(each for each in message.signals if each.name == term.signal)
+    layout = SignalLayout.of(signal)
+    chain = selectors(message, signal)
+    first_condition = len(rows.conditions)
+    for selector, ids in chain:
+        rows.conditions.append((rows.add_field(selector), *rows.add_raws(dict.fromkeys(ids, 0.0))))
+    not_available = {bits: 0.0 for raw in term.not_available if (bits := layout.bits_of(raw)) is not None}
+    values = {bits: value for raw, value in term.values.items() if (bits := layout.bits_of(raw)) is not None}
+    rows.terms.append(
+        (
+            *(message_index, rows.add_field(signal), int(layout.coding), 64 - layout.bits),
+            *(layout.scale, layout.offset, term.factor, term.offset),
+            *(first_condition, len(chain)),
+            *rows.add_raws(not_available),
+            *rows.add_raws(values),
+        )
+    )
+
+
+def _add_message(
+    rows: _Rows, message: Message, protection: Protection, renewed: Sequence[int], timeout_us: int
+) -> None:
+    counter = next((each for each in message.signals if each.name == protection.counter_signal), None)
+    checksum = Checksum.of(message, protection)
+    first_id = -1
+    if checksum is not None and checksum.trailing_ids:
+        first_id = len(rows.raws)
+        rows.raws += [(each, 0.0) for each in checksum.trailing_ids]
+    rows.messages.append(
+        (
+            *(message.length, len(rows.pairs), len(renewed), timeout_us),
+            rows.add_field(counter) if counter is not None else -1,
+            *(protection.counter_modulus, protection.max_counter_delta),
+            *((checksum.table, checksum.start, checksum.final, checksum.crc_byte) if checksum else (-1, 0, 0, 0)),
+            first_id,
+        )
+    )
+    rows.pairs += renewed
