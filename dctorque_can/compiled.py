@@ -14,11 +14,7 @@ R = TypeVar("R")
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Return ``function`` compiled to machine code, bit-identical for every batch length."""
-    try:
-        machine_code = cast(Any, njit)(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no place for a cache: a service user without a home; it compiles at every start
-        machine_code = cast(Any, njit)(error_model="numpy")(function)
-    return cast(Callable[P, R], machine_code)
+    return _compile(function)
 
 
 def compiled_without_allocation(function: Callable[P, R]) -> Callable[P, R]:
@@ -27,4 +23,12 @@ def compiled_without_allocation(function: Callable[P, R]) -> Callable[P, R]:
     Numba otherwise counts references of every array that is passed from function to function, with atomic
     instructions that cost a loop over small steps five times its work. All functions it calls must be so too.
     """
-    return cast(Callable[P, R], cast(Any, njit)(cache=True, error_model="numpy", _nrt=False)(function))
+    return _compile(function, _nrt=False)
+
+
+def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
+    try:
+        machine_code = cast(Any, njit)(cache=True, error_model="numpy", **options)(function)
+    except RuntimeError:  # no place for a cache: a service user without a home; it compiles at every start
+        machine_code = cast(Any, njit)(error_model="numpy", **options)(function)
+    return cast(Callable[P, R], machine_code)
