@@ -104,8 +104,9 @@ def _gears(document: Document) -> dict[int, Gear]:
         if gear.number in gears:
             document.problems.append(document.problem(path, "reverse is given twice"))
         gears[gear.number] = gear
-    if len(gears) == len(document.value(("vehicle", "gears")) or ()):
-        for doubt in gear_doubts(places) if gears else ():
+    complete = len(gears) == len(document.value(("vehicle", "gears")) or ())
+    if gears:
+        for doubt in gear_doubts(places, complete):
             document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
     return gears
 
@@ -113,9 +114,9 @@ def _gears(document: Document) -> dict[int, Gear]:
 def _inputs(document: Document, builder: InputBuilder) -> None:
     path: KeyPath = ("inputs",)
     _section(document, path, InputsSection)
-    for at, part in sound_parts(InputsSection, document.value(path), path):
+    for at, part in sound_parts(InputsSection, document.value(path), path, repair=True):
         quantity = QUANTITY_AT.get(at[1:])
-        if quantity is not None and isinstance(part, InputSection) and not list(part.contradictions()):
+        if quantity is not None and isinstance(part, InputSection) and part.has_signals:
             builder.add(at, quantity, part)
 
 
@@ -129,7 +130,7 @@ def _gear_source(document: Document, builder: InputBuilder, gears: dict[int, Gea
         for doubt in inference_doubts(section, gears):
             document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
         return section.build()
-    for at, part in sound_parts(model, document.value(path), path):
+    for at, part in sound_parts(model, document.value(path), path, repair=True):
         if isinstance(part, GearSignalSection):
             shaft = 1 if at[-1] == "shaft1" else 2
             quantity = Quantity.GEAR1 if shaft == 1 else Quantity.GEAR2
@@ -146,8 +147,8 @@ def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | 
     if model is None:
         return None
     section = validate(document, path, model)
-    for at, part in sound_parts(model, document.value(path), path):
-        if at != path and not list(part.contradictions()):
+    for at, part in sound_parts(model, document.value(path), path, repair=True):
+        if at != path:
             _clutch_input(builder, at, 0 if at[-1] == "clutch1" else 1, part)
     if not isinstance(section, PhaseFromPosition | PhaseFromFlag | PhaseFromCommand):
         return None
@@ -160,6 +161,8 @@ def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | 
 
 
 def _clutch_input(builder: InputBuilder, path: KeyPath, index: int, section: object) -> None:
+    if isinstance(section, InputSection) and not section.has_signals:
+        return
     if isinstance(section, PositionSection):
         builder.add(path, Quantity(Quantity.CLUTCH1_POSITION + index), section)
     elif isinstance(section, CommandSection):
@@ -207,10 +210,11 @@ def _protections(document: Document, builder: InputBuilder) -> tuple[Protection,
         document.problems.append(document.problem(path, "must be a mapping of message names"))
         return ()
     protections = []
-    for message in section or {}:
+    for message, data in (section or {}).items():
         at = (*path, message)
-        protection = validate(document, at, ProtectionSection)
-        if protection is not None:
+        validate(document, at, ProtectionSection)
+        for _, protection in sound_parts(ProtectionSection, data, at, repair=True):
+            assert isinstance(protection, ProtectionSection)
             protections.append(builder.protect(at, str(message), protection))
     return tuple(protections)
 

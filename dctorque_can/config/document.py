@@ -15,6 +15,7 @@ import yaml
 
 from dctorque_can.config.problems import KeyPath, Problem, dotted
 
+MOST_NODES = 100_000  # a few nested aliases can stand for billions of values
 MERGE = "tag:yaml.org,2002:merge"
 
 
@@ -87,6 +88,8 @@ class Document:
 
     def problem(self, path: KeyPath, reason: str, *, warning: bool = False) -> Problem:
         """Return a problem at ``path`` with its place and value filled in."""
+        while path and path not in self.places and isinstance(self.value(path[:-1]), str):
+            path = path[:-1]  # a shorthand: the text stands for the mapping that was asked for
         file, line = self.place(path)
         value = self.value(path)
         text = "" if value in (None, {}, []) else shown(value)
@@ -123,6 +126,9 @@ def parse(content: bytes, name: str) -> Document:
         reason = f"not valid YAML: the character {error.character!r} is not allowed"
         document.problems.append(Problem(name, line, "", "", reason))
         return document
+    except RecursionError:
+        document.problems.append(Problem(name, 0, "", "", "not valid YAML: nested too deeply"))
+        return document
     if root is None:
         document.problems.append(Problem(name, 0, "", "", "the file is empty; see docs/configuration.md"))
         return document
@@ -141,10 +147,16 @@ class _Builder:
         self._document = document
         self._loader = loader
         self._flat: list[yaml.Node] = []  # mappings whose merges have been resolved, in place
+        self._built = 0
 
     def build(self, node: yaml.Node, path: KeyPath, above: tuple[yaml.Node, ...]) -> Any:
         if any(node is ancestor for ancestor in above):
             self._complain(node, path, "the alias refers to something that contains it")
+            return None
+        self._built += 1
+        if self._built >= MOST_NODES:
+            if self._built == MOST_NODES:
+                self._complain(node, path, f"more than {MOST_NODES} values, counting each alias in full")
             return None
         above = (*above, node)
         if isinstance(node, yaml.MappingNode):
@@ -178,15 +190,21 @@ class _Builder:
                 yield key, value
 
     def _find_duplicates(self, node: yaml.MappingNode, path: KeyPath) -> None:
+        """Report keys that are given twice and things that cannot be keys, and keep the others."""
         first: dict[str | int, int] = {}
-        for key_node, _ in node.value:
+        kept: list[tuple[yaml.Node, yaml.Node]] = []
+        for key_node, value in node.value:
             key = self._key(key_node)
             if key is None and key_node.tag != MERGE:
                 self._complain(key_node, path, "a key must be a word or a whole number")
-            elif key in first:
+                continue
+            if key in first:
                 self._complain(key_node, (*path, key), f"the key is given twice, first in line {first[key]}")
-            elif key is not None:
+                continue
+            if key is not None:
                 first[key] = key_node.start_mark.line + 1
+            kept.append((key_node, value))
+        node.value = kept
 
     def _key(self, node: yaml.Node) -> str | int | None:
         """Return a key, or None for a merge and for what cannot be a key."""

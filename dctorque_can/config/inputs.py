@@ -164,10 +164,13 @@ class InputBuilder:
             data_ids=tuple(section.data_ids or ()),
         )
         if self._database is not None:
+            keys = {section.crc_signal: "crc_signal", section.counter_signal: "counter_signal"}
+            reported = {below for below, _ in section.contradictions()}
             for problem in input_problems(self._database, (), (protection,)):
-                keys = {section.crc_signal: "crc_signal", section.counter_signal: "counter_signal"}
-                key = keys.get(problem.signal, "") if problem.signal else ""
-                self._complain((*path, key) if key else path, problem.reason, problem.suggestions)
+                if message not in self._messages:
+                    self._complain(path, problem.reason, problem.suggestions)
+                elif problem.signal and (keys[problem.signal],) not in reported:
+                    self._complain((*path, keys[problem.signal]), problem.reason, problem.suggestions)
             used = {term.message for entry in self.entries for term in entry.input.terms}
             if message in self._messages and message not in used:
                 self._warn(path, "has no effect: no input comes from this message")
@@ -257,7 +260,7 @@ class InputBuilder:
     def _range(
         self, path: KeyPath, section: InputSection, quantity: Quantity, factors: list[float]
     ) -> tuple[float, float]:
-        if section.range is None:
+        if section.range is None or section.range[0] >= section.range[1]:
             return PLAUSIBLE.get(quantity, ANY)
         factor = factors[0]
         if any(other != factor for other in factors):

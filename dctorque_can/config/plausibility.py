@@ -23,17 +23,18 @@ class Doubt(NamedTuple):
     warning: bool
 
 
-def gear_doubts(gears: Mapping[KeyPath, Gear]) -> Iterator[Doubt]:
-    """Yield what is implausible in the gears of a vehicle, by the key path of each gear."""
-    section: KeyPath = ("vehicle", "gears")
-    for shaft in (1, 2):
-        if not any(gear.shaft == shaft for gear in gears.values()):
-            yield Doubt(section, f"no gear is on shaft {shaft}", False)
-    forward = sorted(((g.number, path, g) for path, g in gears.items() if g.number > 0), key=lambda item: item[0])
-    for expected, (number, path, _) in enumerate(forward, start=1):
-        if number != expected:
-            yield Doubt(path, f"gear {expected} is missing", True)
-            break
+def gear_doubts(gears: Mapping[KeyPath, Gear], complete: bool) -> Iterator[Doubt]:
+    """Yield what is implausible in the gears of a vehicle, by the key path of each gear.
+
+    Args:
+        gears: all gears that are free of errors.
+        complete: whether these are all there are; else nothing is said about missing ones.
+    """
+    forward = sorted(
+        ((gear.number, path, gear) for path, gear in gears.items() if gear.number > 0), key=lambda item: item[0]
+    )
+    if complete:
+        yield from _missing_gears(forward, {gear.shaft for gear in gears.values()})
     for (_, _, lower), (_, path, higher) in pairwise(forward):
         if higher.shaft == lower.shaft and higher.total_ratio == lower.total_ratio:
             yield Doubt(path, f"has the same total ratio as gear {lower.number}: {higher.total_ratio:.4g}", False)
@@ -50,6 +51,15 @@ def gear_doubts(gears: Mapping[KeyPath, Gear]) -> Iterator[Doubt]:
         elif apart < CLOSE_RATIO:
             reason = f"total ratio only {100 * apart:.2g} % from that of gear {first.number} on the other shaft"
             yield Doubt(path, f"{reason}: errors of the observer grow {1 / apart:.0f} times", True)
+
+
+def _missing_gears(forward: list[tuple[int, KeyPath, Gear]], shafts: set[int]) -> Iterator[Doubt]:
+    for shaft in {1, 2} - shafts:
+        yield Doubt(("vehicle", "gears"), f"no gear is on shaft {shaft}", False)
+    for expected, (number, path, _) in enumerate(forward, start=1):
+        if number != expected:
+            yield Doubt(path, f"gear {expected} is missing", True)
+            break
 
 
 def gear_map_doubts(

@@ -54,21 +54,32 @@ def validate(document: Document, path: KeyPath, model: type[S]) -> S | None:
     return None if contradictions else section
 
 
-def sound_parts(model: type[Section], data: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Section]]:
-    """Yield every section at or below ``path`` that is free of errors, with its key path."""
-    with suppress(ValidationError):  # reported by `validate`; its parts may still be sound
+def sound_parts(
+    model: type[Section], data: Any, path: KeyPath, *, repair: bool = False
+) -> Iterator[tuple[KeyPath, Section]]:
+    """Yield every section at or below ``path`` that is free of errors, with its key path.
+
+    With ``repair`` also those that are free of errors once their faulty keys are left out. Nothing is reported:
+    `validate` has done that.
+    """
+    try:
         yield path, model.model_validate(data)
+    except ValidationError as failure:
+        if repair and isinstance(data, dict):
+            faulty = {error["loc"][0] for error in failure.errors() if error["loc"]}
+            with suppress(ValidationError):
+                yield path, model.model_validate({key: item for key, item in data.items() if key not in faulty})
     if not isinstance(data, dict):
         return
     for name, field in model.model_fields.items():
         below, value = _bare(field.annotation), data.get(name)
         if isinstance(below, type) and issubclass(below, Section):
-            yield from sound_parts(below, value, (*path, name))
+            yield from sound_parts(below, value, (*path, name), repair=repair)
         elif get_origin(below) in (dict, list) and isinstance(value, dict | list):
             item = _bare(get_args(below)[-1])
             if isinstance(item, type) and issubclass(item, Section):
                 for key, one in value.items() if isinstance(value, dict) else enumerate(value):
-                    yield from sound_parts(item, one, (*path, name, key))
+                    yield from sound_parts(item, one, (*path, name, key), repair=repair)
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
@@ -87,7 +98,7 @@ def _reason(model: type[BaseModel], error: ErrorDetails) -> str:
     match error["type"]:
         case "missing":
             described = _description(model, error["loc"])
-            return "missing" + (f": {described}" if described else "")
+            return "missing" + (f": {described.rstrip(chr(46))}" if described else "")
         case "extra_forbidden":
             parent = _model_at(model, error["loc"][:-1])
             return "unknown key" + nearest(str(error["loc"][-1]), parent.model_fields if parent else ())

@@ -98,6 +98,11 @@ class InputSection(Section):
         if self.range is not None and self.range[0] >= self.range[1]:
             yield ("range",), "must be [lowest, highest]"
 
+    @property
+    def has_signals(self) -> bool:
+        """Whether it is clear which signals are meant."""
+        return (self.signal is None) != (self.sum is None)
+
     def terms(self) -> list[tuple[KeyPath, TermSection]]:
         """Return the signals with their key path below this section, with shared keys filled in."""
         if self.sum is None:
