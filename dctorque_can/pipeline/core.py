@@ -331,8 +331,7 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
         core.twist_us = core.t_us
         core.w_c_last[0], core.w_c_last[1] = core.w_c[0], core.w_c[1]
     dt = (core.t_us - core.settled_us) * 1e-6
-    moving = abs(s.w_w) > oh2014.STANDSTILL
-    oh2014.settle(s, c, pair, carries_1, carries_2, moving, dt)
+    oh2014.settle(s, c, pair, carries_1, carries_2, dt)
     core.settled_us = core.t_us
 
 
