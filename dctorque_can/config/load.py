@@ -112,8 +112,12 @@ def load_config(path: str | Path, overrides: Mapping[str, str] | None = None) ->
     return _load(path, content, dict(overrides or {}), read)
 
 
-def load_documents(documents: Mapping[str, bytes]) -> Config:
+def load_documents(documents: Mapping[str, bytes], overrides: Mapping[str, str] | None = None) -> Config:
     """Load a vehicle file and its DBCs from memory, as a log carries them (`Config.documents`).
+
+    Args:
+        documents: content by name, with the overrides that it was loaded with.
+        overrides: dotted key to value as written in YAML, laid over those.
 
     Raises:
         ConfigError: there is not exactly one vehicle file, a DBC is missing, or the file has errors.
@@ -125,20 +129,21 @@ def load_documents(documents: Mapping[str, bytes]) -> Config:
             [Problem("documents", 0, "", "", f"{found} among {len(documents)} documents; one is right")]
         )
     (name,) = names
-    overrides: dict[str, str] = {}
+    laid_over: dict[str, str] = {}
     laid = PurePath(name).stem + OVERRIDES_SUFFIX
     if laid in documents:
         stored = parse(documents[laid], laid)
         if stored.problems:
             raise ConfigError(stored.problems)
-        overrides = {str(key): str(value) for key, value in stored.data.items()}
+        laid_over = {str(key): str(value) for key, value in stored.data.items()}
+    laid_over |= overrides or {}
 
     def read(wanted: str) -> tuple[Path, bytes]:
         if wanted not in documents:
             raise FileNotFoundError(2, f"is not among the documents{nearest(wanted, documents)}")
         return Path(wanted), documents[wanted]
 
-    return _load(Path(name), documents[name], overrides, read, among_documents=True)
+    return _load(Path(name), documents[name], laid_over, read, among_documents=True)
 
 
 def _load(

@@ -1,0 +1,85 @@
+"""One drive as a picture: speeds, both clutch torques and the output torque over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from dctorque_can.errors import DctorqueError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+RPM = 60 / (2 * np.pi)
+_TRUE = {"color": "0.62", "linewidth": 2.6, "label": "true"}
+_ESTIMATED = {"linewidth": 1.0, "label": "estimated"}
+_COLOURS = ("#1f6fb4", "#c8501e", "#2f7d32")
+
+
+def drive_figure(estimates: NDArray[np.void], truth: NDArray[np.void] | None, title: str) -> Figure:
+    """Draw a drive.
+
+    Args:
+        estimates: `ESTIMATE` ``[n]``, at least one row.
+        truth: rows of a simulation on the same time scale, or None.
+        title: stands above the panels.
+
+    Raises:
+        DctorqueError: there are no estimates.
+    """
+    if not len(estimates):
+        raise DctorqueError("there is nothing to draw: no estimates")
+    figure = Figure(figsize=(9.6, 9.0), dpi=110, layout="constrained")
+    axes = figure.subplots(4, 1, sharex=True, height_ratios=(1.15, 1, 1, 1))
+    figure.suptitle(title, fontsize=12)
+    start = int(estimates["t_us"][0] if truth is None else truth["t_us"][0])
+    seconds = (estimates["t_us"] - start) / 1e6
+    _speeds(axes[0], seconds, estimates)
+    panels = (
+        ("clutch1_torque_nm", "Clutch 1 torque [N·m]"),
+        ("clutch2_torque_nm", "Clutch 2 torque [N·m]"),
+        ("output_torque_nm", "Output torque [N·m]"),
+    )
+    for axis, (field, label), colour in zip(axes[1:], panels, _COLOURS, strict=True):
+        if truth is not None:
+            axis.plot((truth["t_us"] - start) / 1e6, truth[field], **_TRUE)
+        axis.plot(seconds, estimates[field], color=colour, **_ESTIMATED)
+        axis.set_ylabel(label)
+        axis.legend(loc="upper right", fontsize=9, framealpha=0.9)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        axis.margins(x=0)
+    axes[-1].set_xlabel("Time [s]")
+    return figure
+
+
+def _speeds(axis: Axes, seconds: NDArray[np.float64], estimates: NDArray[np.void]) -> None:
+    engine = estimates["engine_speed_rad_s"]
+    shafts = (engine - estimates["clutch1_slip_rad_s"], engine - estimates["clutch2_slip_rad_s"])
+    for shaft, (speed, colour) in enumerate(zip(shafts, _COLOURS, strict=False), start=1):
+        axis.plot(seconds, speed * RPM, color=colour, linewidth=1.1, label=f"input shaft {shaft}")
+    axis.plot(seconds, engine * RPM, color="0.15", linewidth=1.1, label="engine")
+    axis.set_ylabel("Speed [rpm]")
+    gears = axis.twinx()
+    driving = np.where(estimates["phase2"] > estimates["phase1"], estimates["gear2"], estimates["gear1"])
+    gears.step(seconds, driving, where="post", color="0.5", linewidth=0.9, linestyle=":")
+    gears.set_ylabel("Gear of the tighter clutch", color="0.4", fontsize=9)
+    gears.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axis.legend(loc="upper right", fontsize=9, framealpha=0.9, ncols=3)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure in the format of the suffix (.png, .svg, .pdf).
+
+    Raises:
+        DctorqueError: the file cannot be written.
+    """
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise DctorqueError(f"{path}: the plot cannot be written: {error.strerror}") from error

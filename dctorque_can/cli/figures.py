@@ -1,0 +1,25 @@
+"""Error figures as a table for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from dctorque_can.analysis.errors import ErrorFigures
+
+_NAMES = {"clutch1_nm": "clutch 1", "clutch2_nm": "clutch 2", "output_nm": "output shaft"}
+
+
+def errors_table(errors: Mapping[str, ErrorFigures], title: str) -> Table:
+    """Return one row per torque, in N·m."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("Torque")
+    for name in ("RMS error [N·m]", "bias [N·m]", "peak [N·m]"):
+        table.add_column(name, justify="right")
+    for name, figures in errors.items():
+        row = (f"{figures.rms:.2f}", f"{figures.bias:+.2f}", f"{figures.peak:.1f}")
+        table.add_row(_NAMES.get(name, name), *row)
+    return table

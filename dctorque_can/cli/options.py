@@ -1,0 +1,61 @@
+"""Options that several subcommands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+ConfigArgument = Annotated[
+    Path | None, typer.Argument(metavar="[CONFIG]", help="Vehicle configuration (YAML).", show_default=False)
+]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option("--config", "-c", metavar="CONFIG", help="Vehicle configuration (YAML).", show_default=False),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override one key of the configuration, e.g. --set can.channel=can1; may be repeated.",
+        show_default=False,
+    ),
+]
+InterfaceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--interface", "-i", help="python-can interface, e.g. socketcan, pcan, virtual.", show_default=False
+    ),
+]
+ChannelOption = Annotated[
+    str | None, typer.Option("--channel", help="Channel of the interface, e.g. can0.", show_default=False)
+]
+ForceOption = Annotated[bool, typer.Option("--force", "-f", help="Overwrite the output if it exists.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the summary as one JSON object on stdout.")]
+DriveChoice = Annotated[
+    Literal["paper", "mixed"],
+    typer.Option("--drive", help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 120 s."),
+]
+ProfileChoice = Annotated[
+    Literal["laboratory", "production"],
+    typer.Option(
+        "--profile",
+        help="laboratory: every signal at 1 kHz with noise. production: 10/20 ms, quantised, delayed, jittering.",
+    ),
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the noise, and of a mixed drive.")]
+DurationOption = Annotated[
+    float | None,
+    typer.Option(
+        "--duration",
+        metavar="SECONDS",
+        min=1.0,
+        help="Length of the drive.  [default: 16 or 360]",
+        show_default=False,
+    ),
+]
+SpeedOption = Annotated[
+    float, typer.Option("--speed", metavar="FACTOR", min=0.001, help="Bus seconds per second, on a bus.")
+]

@@ -1,0 +1,113 @@
+"""``dctorque replay``: recorded frames to estimates, in a new log or in real time on a bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dctorque_can.cli import configuration
+from dctorque_can.cli.console import STDOUT, activity, fail, print_json, progress_bar, say, warn
+from dctorque_can.cli.exit_codes import ExitCode
+from dctorque_can.cli.figures import errors_table
+from dctorque_can.cli.options import (
+    ChannelOption,
+    ConfigOption,
+    ForceOption,
+    InterfaceOption,
+    JsonOption,
+    SetOption,
+    SpeedOption,
+)
+
+if TYPE_CHECKING:
+    from dctorque_can.config.load import Config
+    from dctorque_can.logs.reader import LogReader
+
+
+def replay(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(metavar="LOG...", help=".asc .blf .log .trc .csv .mf4 .mcap; several are one sequence."),
+    ],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="OUT.mcap", help="The new log.", show_default=False)
+    ] = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    frames: Annotated[bool, typer.Option("--frames", help="Also write the frames to OUT.")] = False,
+    signals: Annotated[bool, typer.Option("--signals", help="Also write the decoded signals to OUT.")] = False,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="Compare with the truth in a simulated log, and copy it to OUT.")
+    ] = False,
+    interface: InterfaceOption = None,
+    channel: ChannelOption = None,
+    speed: SpeedOption = 1.0,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate over recorded frames: as fast as possible into OUT.mcap, or in real time onto a bus.
+
+    The configuration comes from --config, or travels in an MCAP log. With --interface or --channel the frames of
+    the log and the frames of the estimates go onto that bus at --speed. Damaged logs: everything readable is used,
+    each damaged place is a warning, and the exit code is 3.
+    """
+    if output is None and interface is None and channel is None:
+        raise typer.BadParameter("say where to: -o OUT.mcap, or --interface and --channel of a bus")
+    if output is not None and output.suffix.lower() != ".mcap":
+        raise typer.BadParameter(f"{output}: the result is an MCAP log; end its name in .mcap", param_hint="-o")
+    with ExitStack() as stack:
+        with activity("loading", show=False):
+            from dctorque_can.daemon.output_file import refuse_existing
+            from dctorque_can.daemon.replay import ReplayContent, ReplayTargets, replay_logs
+            from dctorque_can.logs.reader import open_log
+
+        if output is not None:
+            refuse_existing(output, logs, force)
+        readers = [stack.enter_context(open_log(path)) for path in logs]
+        loaded = _config(readers, config, settings, interface, channel)
+        player = None
+        if interface is not None or channel is not None:
+            from dctorque_can.daemon.playback import Player, playing
+
+            tell = playing(loaded.can.arguments(), lambda is_error, text: (fail if is_error else say)(text))
+            player = Player(stack.enter_context(tell), speed)
+        with progress_bar("replaying") as progress:
+            content = ReplayContent(frames=frames, signals=signals, truth=truth)
+            result = replay_logs(readers, loaded, ReplayTargets(output, player), content, progress)
+    for problem in result.problems:
+        warn(problem)
+    if as_json:
+        print_json(result.as_json())
+    else:
+        say(
+            f"{result.frames} frames ({result.bus_seconds:.0f} s of traffic) in {result.seconds:.1f} s, "
+            f"{result.estimates} estimates" + (f" in {output}" if output else "")
+        )
+        if player is not None:
+            say(f"{player.sent} frames sent, {player.failed} not taken")
+        if result.errors is not None:
+            STDOUT.print(errors_table(result.errors, "Errors against the truth"))
+    if not result.frames:
+        warn("the log holds no frames")
+    elif not result.estimates:
+        warn("no estimate: none of the frames gave what the estimator needs (see `dctorque check`)")
+    if result.problems or (player is not None and player.failed):
+        raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _config(
+    readers: Sequence[LogReader],
+    path: Path | None,
+    settings: Sequence[str] | None,
+    interface: str | None,
+    channel: str | None,
+) -> Config:
+    if path is not None:
+        return configuration.load(path, settings, interface, channel)
+    from dctorque_can.daemon.replay import config_of
+
+    return config_of(readers, configuration.overrides(settings, interface, channel))

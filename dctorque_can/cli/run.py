@@ -1,0 +1,121 @@
+"""``dctorque run``: estimate live on a CAN bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dctorque_can.cli import configuration
+from dctorque_can.cli.console import STDERR, activity, fail, print_json, say
+from dctorque_can.cli.exit_codes import ExitCode
+from dctorque_can.cli.options import (
+    ChannelOption,
+    ConfigArgument,
+    ConfigOption,
+    ForceOption,
+    InterfaceOption,
+    JsonOption,
+    SetOption,
+)
+
+if TYPE_CHECKING:
+    from dctorque_can.config.load import Config
+    from dctorque_can.daemon.service import Summary
+
+
+def run(
+    config: ConfigArgument = None,
+    config_option: ConfigOption = None,
+    settings: SetOption = None,
+    interface: InterfaceOption = None,
+    channel: ChannelOption = None,
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", metavar="FILE", help="First log, instead of a name in logging.directory."),
+    ] = None,
+    no_log: Annotated[bool, typer.Option("--no-log", help="Write no log.")] = False,
+    force: ForceOption = False,
+    duration: Annotated[
+        float | None, typer.Option("--duration", metavar="SECONDS", min=0.0, help="Stop after this time.")
+    ] = None,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Wait for a bus that is not there yet, instead of giving up.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate live: receive, estimate, send (when the configuration enables the output) and log.
+
+    Ends with exit code 0 and a closed log on Ctrl-C or SIGTERM, or after --duration. SIGHUP begins a new log.
+    A bus that goes away while running is waited for. Exit code 3: frames are missing in the log.
+    """
+    path = configuration.one_of(config, config_option)
+    if path is None:
+        raise typer.BadParameter("name a vehicle file, e.g. config/paper_car.yaml", param_hint="CONFIG")
+    if log is not None and no_log:
+        raise typer.BadParameter("--log and --no-log contradict each other")
+    loaded = configuration.load(path, settings, interface, channel)
+    summary = _serve(loaded, log, no_log, force, duration, wait)
+    if as_json:
+        print_json(summary.as_json())
+    else:
+        _show(summary)
+    if not summary.complete:
+        raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _serve(
+    config: Config, log: Path | None, no_log: bool, force: bool, duration: float | None, wait: bool
+) -> Summary:
+    from functools import partial
+
+    from dctorque_can.daemon.link import open_bus
+    from dctorque_can.daemon.log_plan import plan_for
+    from dctorque_can.daemon.output_file import refuse_existing
+    from dctorque_can.daemon.service import Service
+    from dctorque_can.daemon.signals import obeying_signals
+
+    if log is not None:
+        refuse_existing(log, [], force)
+    wanted = not no_log and (log is not None or config.logging.enabled)
+    plan = plan_for(config, log) if wanted else None
+    service = Service(config, partial(open_bus, config.can.arguments()), plan, _tell)
+    with obeying_signals(service):
+        with activity("preparing (the first run on a machine compiles for up to a minute)", STDERR.is_terminal):
+            service.prepare(wait_for_bus=wait)
+        if not service.stopped:
+            say(f"{config.name}: estimating on {config.can.interface}:{config.can.channel}; Ctrl-C stops")
+        return service.run(duration)
+
+
+def _tell(is_error: bool, text: str) -> None:
+    if is_error:
+        fail(text)
+    else:
+        say(text)
+
+
+def _show(summary: Summary) -> None:
+    link, log = summary.link, summary.log
+    say(
+        f"{summary.seconds:.1f} s: {summary.frames} frames in, {summary.estimates} estimates, "
+        f"{summary.published} frames out, {100 * summary.cpu_share:.0f} % of one processor"
+    )
+    if link.lost or link.send_failures or link.error_frames:
+        say(
+            f"bus: lost {link.lost} times, back {link.reconnects} times, {link.error_frames} error frames, "
+            f"{link.bus_offs} bus-offs, {link.send_failures} frames not sent"
+        )
+    faults = {name: count for name, count in summary.health.items() if count}
+    if faults:
+        say("health: " + ", ".join(f"{name} {_shown(count)}" for name, count in faults.items()))
+    if log is not None:
+        paths = ", ".join(str(path) for path in log.paths)
+        say(f"log: {log.written} frames in {paths}" + (f"; {log.dropped} frames missing" if log.dropped else ""))
+
+
+def _shown(count: object) -> str:
+    if isinstance(count, dict):
+        return "(" + ", ".join(f"{name} {number}" for name, number in count.items()) + ")"
+    return str(count)

@@ -1,0 +1,36 @@
+"""Frames in, estimates out: the one chain for a live bus, a log and a simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.bus.decoder import Decoder
+from dctorque_can.config.load import Config
+from dctorque_can.pipeline.estimates import Estimates
+from dctorque_can.pipeline.estimator import Estimator, warm_up
+from dctorque_can.pipeline.frames import Frames
+
+
+class Chain:
+    """Decoder and estimator of one configuration; the same frames give the same bits, however they are cut."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._decoder = Decoder(config.database, config.inputs, config.protections)
+        self._estimator = Estimator(config.settings)
+
+    def warm_up(self) -> None:
+        """Compile everything; takes up to a minute the first time on a machine, and no time later."""
+        warm_up(self._config.settings)
+        for width in (8, 64):
+            self._decoder.decode(Frames.empty(0, width))
+
+    def feed(self, frames: Frames) -> Estimates:
+        """Return the estimates that became due with ``frames``."""
+        return self._estimator.feed(self._decoder.decode(frames))
+
+    @property
+    def health(self) -> NDArray[np.void]:
+        """`HEALTH` ``[1]`` as of the last frame."""
+        return self._estimator.health

@@ -1,0 +1,117 @@
+"""What the service tells its log-writer process over a pipe, and the answers that come back.
+
+A message is a kind byte, the length of its body and the body. Columns travel as their bytes; both ends are always
+of one version and one machine.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.logs.table import Table
+from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH
+from dctorque_can.pipeline.frames import Frames
+
+HEADER = struct.Struct("<BI")
+_SHAPE = struct.Struct("<II")
+
+
+class Kind(IntEnum):
+    """What a message carries."""
+
+    SETUP = 0  # JSON, first of all
+    DOCUMENT = 1  # name, NUL, content
+    FRAMES = 2
+    ESTIMATES = 3
+    HEALTH = 4
+    EVENT = 5  # JSON
+    ROTATE = 6
+    TABLE = 7  # topic, type, schema text as JSON, NUL, rows
+
+
+def message(kind: Kind, body: bytes = b"") -> bytes:
+    """Return one message."""
+    return HEADER.pack(kind, len(body)) + body
+
+
+def json_message(kind: Kind, content: dict[str, Any]) -> bytes:
+    """Return one message with a JSON body."""
+    return message(kind, json.dumps(content).encode())
+
+
+def document_message(name: str, content: bytes) -> bytes:
+    """Return one document to be attached to every log."""
+    return message(Kind.DOCUMENT, name.encode() + b"\0" + content)
+
+
+def frames_message(frames: Frames) -> bytes:
+    """Return the columns of ``frames`` as one message."""
+    columns = (frames.t_us, frames.can_id, frames.length, frames.flags, frames.channel, frames.data)
+    body = _SHAPE.pack(len(frames), frames.data.shape[1]) + b"".join(column.tobytes() for column in columns)
+    return message(Kind.FRAMES, body)
+
+
+def read_frames(body: bytes) -> Frames:
+    """Return what `frames_message` packed."""
+    n, width = _SHAPE.unpack_from(body)
+    at = _SHAPE.size
+
+    def column(dtype: str, each: int = 1) -> NDArray[Any]:
+        nonlocal at
+        values = np.frombuffer(body, dtype, n * each, at)
+        at += values.nbytes
+        return values
+
+    t_us, can_id = column("i8"), column("u4")
+    length, flags, channel = column("u1"), column("u1"), column("u1")
+    return Frames(t_us, can_id, length, flags, channel, column("u1", width).reshape(n, width))
+
+
+def estimates_message(rows: NDArray[np.void]) -> bytes:
+    """Return `ESTIMATE` rows as one message."""
+    return message(Kind.ESTIMATES, rows.astype(ESTIMATE, copy=False).tobytes())
+
+
+def health_message(rows: NDArray[np.void]) -> bytes:
+    """Return `HEALTH` rows as one message."""
+    return message(Kind.HEALTH, rows.astype(HEALTH, copy=False).tobytes())
+
+
+def table_message(table: Table, rows: NDArray[np.void]) -> bytes:
+    """Return rows of any table whose field names are those of its messages."""
+    head = json.dumps([table.topic, table.type_name, table.schema_text]).encode()
+    return message(Kind.TABLE, head + b"\0" + rows.astype(table.dtype, copy=False).tobytes())
+
+
+def read_table_rows(body: bytes) -> tuple[Table, NDArray[np.void]]:
+    """Return what `table_message` packed."""
+    head, _, rows = body.partition(b"\0")
+    table = Table.from_schema(*json.loads(head))
+    return table, np.frombuffer(rows, table.dtype)
+
+
+class MessageSplitter:
+    """Cuts a stream of bytes back into messages."""
+
+    def __init__(self) -> None:
+        self._rest = bytearray()
+
+    def feed(self, chunk: bytes) -> Iterator[tuple[Kind, bytes]]:
+        """Take the next bytes and yield each message that is whole by now."""
+        self._rest += chunk
+        at = 0
+        while len(self._rest) - at >= HEADER.size:
+            kind, length = HEADER.unpack_from(self._rest, at)
+            end = at + HEADER.size + length
+            if end > len(self._rest):
+                break
+            yield Kind(kind), bytes(self._rest[at + HEADER.size : end])
+            at = end
+        del self._rest[:at]

@@ -1,0 +1,58 @@
+"""Sends the estimates on the bus, politely: listens first and never on an identifier that someone else uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.bus.output import OutputEncoder
+from dctorque_can.daemon.link import BusLink
+from dctorque_can.logs.messages import message_from_frame
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+
+LISTEN_US = 500_000  # five times the longest cycle of dctorque.dbc
+
+
+class Publisher:
+    """Encodes and sends.
+
+    A second instance on the same bus hears the first while it listens, and stays silent; so the first is not
+    disturbed. An identifier that was heard from someone else stays refused until the service is started anew.
+
+    Args:
+        encoder: makes the cyclic frames.
+        link: where to.
+        tell: is told about a refusal: ``tell(is_error, text)``.
+    """
+
+    def __init__(self, encoder: OutputEncoder, link: BusLink, tell: Callable[[bool, str], None]) -> None:
+        self.refused: set[int] = set()
+        self._encoder = encoder
+        self._ids = frozenset(encoder.can_ids.values())
+        self._link = link
+        self._tell = tell
+        self._first_us: int | None = None
+
+    def hear(self, frames: Frames) -> None:
+        """Look whether someone else uses our identifiers."""
+        if self._first_us is None and len(frames):
+            self._first_us = int(frames.t_us[0])
+        if self._ids.isdisjoint(frames.can_id.tolist()):
+            return
+        foreign = (frames.flags & (FrameFlag.SENT | FrameFlag.ERROR)) == 0
+        for can_id in sorted(self._ids.intersection(frames.can_id[foreign].tolist()) - self.refused):
+            self.refused.add(can_id)
+            shown = f"0x{can_id & ~EXTENDED_ID:X}"
+            self._tell(True, f"someone else sends on {shown}: nothing will be sent on it (set output.ids)")
+
+    def publish(self, rows: NDArray[np.void]) -> Frames:
+        """Send what is due after ``rows`` (`ESTIMATE` ``[n]``) and return the frames that the bus took."""
+        frames = self._encoder.encode(rows)  # always, so that the counters keep running
+        if not len(frames) or self._first_us is None or int(rows["t_us"][-1]) - self._first_us < LISTEN_US:
+            return frames[:0]
+        taken = np.zeros(len(frames), np.bool_)
+        for i, can_id in enumerate(frames.can_id.tolist()):
+            taken[i] = can_id not in self.refused and self._link.send(message_from_frame(frames, i))
+        return frames if taken.all() else frames[taken]

@@ -1,0 +1,148 @@
+"""Gathers what the service sees into batches for the log writer."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.daemon.log_process import LogProcess
+from dctorque_can.daemon.log_protocol import (
+    Kind,
+    estimates_message,
+    frames_message,
+    health_message,
+    json_message,
+    table_message,
+)
+from dctorque_can.logs.mcap_layout import EventLevel
+from dctorque_can.logs.table import Table
+from dctorque_can.pipeline.estimates import Estimates
+from dctorque_can.pipeline.frames import Frames
+
+BATCH_FRAMES = 512
+BATCH_S = 0.05
+
+
+class FrameBuffer:
+    """Columns that fill up frame by frame without any allocation."""
+
+    def __init__(self, capacity: int) -> None:
+        self._columns = Frames.empty(capacity, 64)
+        self._capacity = capacity
+        self._width = 8
+        self.count = 0
+
+    def add(self, frames: Frames) -> Frames:
+        """Take as many frames as fit and return the rest."""
+        taken = min(len(frames), self._capacity - self.count)
+        rows = slice(self.count, self.count + taken)
+        columns, width = self._columns, frames.data.shape[1]
+        columns.t_us[rows] = frames.t_us[:taken]
+        columns.can_id[rows] = frames.can_id[:taken]
+        columns.length[rows] = frames.length[:taken]
+        columns.flags[rows] = frames.flags[:taken]
+        columns.channel[rows] = frames.channel[:taken]
+        columns.data[rows, :width] = frames.data[:taken]
+        columns.data[rows, width:] = 0
+        self._width = max(self._width, width)
+        self.count += taken
+        return frames[taken:]
+
+    @property
+    def full(self) -> bool:
+        """Whether nothing more fits."""
+        return self.count == self._capacity
+
+    def take(self) -> Frames:
+        """Return everything and start anew; the columns are only valid until the next `add`."""
+        frames = self._columns[: self.count]
+        narrow = Frames(
+            frames.t_us, frames.can_id, frames.length, frames.flags, frames.channel, frames.data[:, : self._width]
+        )
+        self.count, self._width = 0, 8
+        return narrow
+
+
+class Recorder:
+    """What goes to the log, in batches.
+
+    Args:
+        log: the log writer.
+        frames: whether frames (and with them decoded signals) go there.
+        estimates: whether estimates and health go there.
+    """
+
+    def __init__(self, log: LogProcess, frames: bool, estimates: bool) -> None:
+        self._log = log
+        self._frames = FrameBuffer(BATCH_FRAMES) if frames else None
+        self._with_estimates = estimates
+        self._rows: list[NDArray[np.void]] = []
+        self._health: list[NDArray[np.void]] = []
+        self._due_s = 0.0
+
+    def frames(self, frames: Frames) -> None:
+        """Add frames, received or sent."""
+        if self._frames is None:
+            return
+        while len(frames):
+            frames = self._frames.add(frames)
+            if self._frames.full:
+                self._hand_over_frames()
+
+    def estimates(self, estimates: Estimates) -> None:
+        """Add estimates and health."""
+        if self._with_estimates:
+            if len(estimates.rows):
+                self._rows.append(estimates.rows)
+            if len(estimates.health):
+                self._health.append(estimates.health)
+
+    def event(self, t_us: int, level: EventLevel, text: str) -> None:
+        """Add a line for people."""
+        event = {"t_us": t_us, "level": int(level), "name": "dctorque", "text": text}
+        self._log.hand_over(json_message(Kind.EVENT, event))
+
+    def table(self, table: Table, rows: NDArray[np.void]) -> None:
+        """Add rows of any table, e.g. the truth of a simulation."""
+        step = max((1 << 20) // table.dtype.itemsize, 1)
+        for start in range(0, len(rows), step):
+            self._log.hand_over(table_message(table, rows[start : start + step]))
+
+    def keep_time(self, now_s: float) -> None:
+        """Hand the batch over when it is time; to be called after every receive."""
+        if now_s >= self._due_s:
+            self._due_s = now_s + BATCH_S
+            self._hand_over()
+            self._log.pump()
+
+    def rotate(self) -> None:
+        """Finish the log and begin the next one."""
+        self._hand_over()
+        self._log.rotate()
+
+    def close(self) -> None:
+        """Hand over the rest and close the log."""
+        self._hand_over()
+        self._log.close()
+
+    def wait_for_room(self, most_bytes: int) -> None:
+        """Let the log writer catch up: for those who make frames faster than any bus."""
+        while self._log.waiting_bytes > most_bytes:
+            self._log.pump()
+            time.sleep(0.001)
+
+    def _hand_over_frames(self) -> None:
+        if self._frames is not None and self._frames.count:
+            count = self._frames.count
+            self._log.hand_over(frames_message(self._frames.take()), count)
+
+    def _hand_over(self) -> None:
+        self._hand_over_frames()
+        if self._rows:
+            self._log.hand_over(estimates_message(np.concatenate(self._rows)))
+            self._rows.clear()
+        if self._health:
+            self._log.hand_over(health_message(np.concatenate(self._health)))
+            self._health.clear()

@@ -1,0 +1,201 @@
+"""Recorded frames through the chain, as fast as possible, into a new MCAP log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.analysis.errors import ErrorFigures, compare
+from dctorque_can.bus.columns import MessageColumns
+from dctorque_can.bus.output import OutputEncoder
+from dctorque_can.config.load import Config, load_documents
+from dctorque_can.daemon.chain import Chain
+from dctorque_can.daemon.output_file import remove_partial
+from dctorque_can.daemon.playback import Player
+from dctorque_can.daemon.service import health_counts
+from dctorque_can.daemon.truth_log import read_truth, write_truth
+from dctorque_can.errors import DctorqueError
+from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.reader import LogReader
+from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
+from dctorque_can.pipeline.estimates import Estimates
+from dctorque_can.pipeline.frames import Frames
+
+
+@dataclass(frozen=True)
+class ReplayContent:
+    """What a replay writes beside estimates and health.
+
+    Attributes:
+        frames: the frames themselves.
+        signals: the decoded signals of every known message.
+        truth: the truth of a simulated log; the errors against it are computed.
+    """
+
+    frames: bool = False
+    signals: bool = False
+    truth: bool = False
+
+
+@dataclass(frozen=True)
+class ReplayTargets:
+    """Where a replay goes; one of them is enough.
+
+    Attributes:
+        log: the new log, or None.
+        player: sends the frames and those of the estimates in real time, or None for as fast as possible.
+    """
+
+    log: Path | None
+    player: Player | None = None
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """What a replay did.
+
+    Attributes:
+        output: the new log, or None.
+        frames: read.
+        estimates: given.
+        seconds: from opening to the closed result.
+        bus_seconds: time that the frames span.
+        problems: what could not be read, one line each.
+        health: counters of the estimator.
+        errors: against the truth, when that was asked for.
+    """
+
+    output: Path | None
+    frames: int
+    estimates: int
+    seconds: float
+    bus_seconds: float
+    problems: list[str]
+    health: dict[str, Any]
+    errors: dict[str, ErrorFigures] | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the result for scripts."""
+        return asdict(self) | {"output": None if self.output is None else str(self.output)}
+
+
+def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config:
+    """Return the configuration that travels in the first log, with overrides laid over it.
+
+    Raises:
+        DctorqueError: the log has none.
+    """
+    documents = logs[0].documents
+    if not any(name.endswith((".yaml", ".yml")) for name in documents):
+        raise DctorqueError(f"{logs[0].path}: carries no configuration; name one with --config")
+    return load_documents(documents, overrides)
+
+
+def replay_logs(
+    logs: Sequence[LogReader],
+    config: Config,
+    targets: ReplayTargets,
+    content: ReplayContent,
+    progress: Callable[[float], None],
+) -> ReplayResult:
+    """Estimate over ``logs``, one after another as one sequence.
+
+    Raises:
+        DctorqueError: the log cannot be written (then what was written until then is removed), or there is
+            no truth to compare with.
+    """
+    replay = _Replay(config, targets, content)
+    began_s = time.monotonic()
+    try:
+        with replay:
+            for number, reader in enumerate(logs):
+                for frames in reader.frames():
+                    replay.take(frames)
+                    progress((number + reader.fraction) / len(logs))
+            truth = [read_truth(reader.path) for reader in logs] if content.truth else []
+            errors = replay.compare(np.concatenate(truth)) if truth else None
+    except DctorqueError:
+        if targets.log is not None:
+            remove_partial(targets.log)
+        raise
+    return ReplayResult(
+        output=targets.log,
+        frames=replay.frames,
+        estimates=replay.estimates,
+        seconds=round(time.monotonic() - began_s, 3),
+        bus_seconds=replay.bus_seconds,
+        problems=[problem for reader in logs for problem in reader.problems],
+        health=replay.health,
+        errors=errors,
+    )
+
+
+class _Replay:
+    """One pass: the chain, its targets, and what went through."""
+
+    def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
+        self.frames = 0
+        self.estimates = 0
+        self._content = content
+        self._player = targets.player
+        self._chain = Chain(config)
+        self._signals = MessageColumns(config.database) if content.signals else None
+        self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
+        self._rows: list[NDArray[np.void]] = []
+        self._first_us: int | None = None
+        self._last_us = 0
+        self._log = None if targets.log is None else McapLog(targets.log, documents=config.documents)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._log is not None:
+            self._log.close()
+
+    @property
+    def bus_seconds(self) -> float:
+        """Time that the frames span."""
+        return 0.0 if self._first_us is None else (self._last_us - self._first_us) / 1e6
+
+    @property
+    def health(self) -> dict[str, Any]:
+        """Counters of the estimator."""
+        return health_counts(self._chain.health)
+
+    def take(self, frames: Frames) -> None:
+        """Do the whole job for one batch."""
+        self._first_us = int(frames.t_us[0]) if self._first_us is None else self._first_us
+        self._last_us = int(frames.t_us[-1])
+        self.frames += len(frames)
+        estimates = self._chain.feed(frames)
+        self.estimates += len(estimates)
+        if self._content.truth:
+            self._rows.append(estimates.rows)
+        if self._log is not None:
+            self._write(self._log, frames, estimates)
+        if self._player is not None and self._encoder is not None:
+            ours = self._encoder.encode(estimates.rows)
+            foreign = frames[~np.isin(frames.can_id, list(self._encoder.can_ids.values()))]
+            self._player.play(Frames.concatenate([foreign, ours]).sorted_by_time())
+
+    def compare(self, truth: NDArray[np.void]) -> dict[str, ErrorFigures]:
+        """Write the truth and return the errors against it."""
+        if self._log is not None:
+            write_truth(self._log, truth)
+        return compare(np.concatenate(self._rows), truth)
+
+    def _write(self, log: McapLog, frames: Frames, estimates: Estimates) -> None:
+        if self._content.frames:
+            log.write_frames(frames)
+        if self._signals is not None:
+            for name, rows in self._signals.decode(frames).items():
+                log.write_table(Table.of_signals(name, rows.dtype), rows)
+        log.write_table(ESTIMATES, estimates.rows)
+        log.write_table(HEALTH, estimates.health)

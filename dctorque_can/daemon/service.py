@@ -1,0 +1,244 @@
+"""The live service: one thread that receives, estimates, sends and hands over to the log writer."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.bus.output import OutputEncoder
+from dctorque_can.config.load import Config
+from dctorque_can.daemon.chain import Chain
+from dctorque_can.daemon.link import BusLink, LinkCounts
+from dctorque_can.daemon.log_plan import LogPlan
+from dctorque_can.daemon.log_process import LogCounts, LogProcess
+from dctorque_can.daemon.publisher import Publisher
+from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.systemd import Systemd
+from dctorque_can.logs.mcap_layout import EventLevel
+from dctorque_can.logs.messages import frames_from_messages
+from dctorque_can.logs.table import Table
+from dctorque_can.pipeline.frames import FrameFlag, Frames
+from dctorque_can.pipeline.samples import Quantity
+
+RECEIVE_TIMEOUT_S = 0.1
+MOST_AT_ONCE = 64
+PATIENT_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run of the service did.
+
+    Attributes:
+        seconds: from ready to stop.
+        cpu_share: processor time of this process over ``seconds``; the log writer is another process.
+        frames: received.
+        estimates: given.
+        published: frames sent.
+        refused_ids: identifiers that someone else uses.
+        link: counters of the wire.
+        log: counters of the log, or None without one.
+        health: counters of the estimator, see `health_counts`.
+    """
+
+    seconds: float
+    cpu_share: float
+    frames: int
+    estimates: int
+    published: int
+    refused_ids: list[int]
+    link: LinkCounts
+    log: LogCounts | None
+    health: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every received frame is in the log (or no log was wanted)."""
+        return self.log is None or (self.log.dropped == 0 and not self.log.failures)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the summary for scripts."""
+        result = asdict(self)
+        if self.log is not None:
+            result["log"]["paths"] = [str(path) for path in self.log.paths]
+        return result
+
+
+def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
+    """Return the counters of a `HEALTH` record ``[1]``: resets, late frames, and inputs by fault."""
+    record = health[0]
+    counts: dict[str, Any] = {name: int(record[name]) for name in ("gap_resets", "clock_resets", "late_frames")}
+    for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
+        counts[fault] = {q.name.lower(): int(record[fault][q]) for q in Quantity if record[fault][q]}
+    return counts
+
+
+class Service:
+    """Receives, estimates, publishes and records until it is stopped.
+
+    Args:
+        config: vehicle, inputs, outputs.
+        connect: opens the bus.
+        plan: how to log, or None for no log.
+        say: is told remarks for people, one line each: ``say(is_error, text)``.
+        patient: wait for the log writer instead of dropping; only for traffic that is not live.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        connect: Callable[[], can.BusABC],
+        plan: LogPlan | None,
+        say: Callable[[bool, str], None],
+        patient: bool = False,
+    ) -> None:
+        self.received = 0
+        self._config = config
+        self._say = say
+        self._patient = patient
+        self._news: deque[tuple[bool, str]] = deque()
+        self._chain = Chain(config)
+        self._link = BusLink(connect, self._tell)
+        self._log = None if plan is None else LogProcess(plan, config.documents)
+        self._recorder: Recorder | None = None
+        self._publisher = self._make_publisher()
+        self._systemd = Systemd()
+        self._stop = False
+        self._rotate = False
+        self._t_us: int | None = None
+        self._estimates = 0
+
+    def stop(self) -> None:
+        """Ask the service to end; may be called from a signal handler or another thread."""
+        self._stop = True
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the service was asked to end."""
+        return self._stop
+
+    def rotate(self) -> None:
+        """Ask for a new log; may be called from a signal handler or another thread."""
+        self._rotate = True
+
+    def prepare(self, wait_for_bus: bool = False) -> None:
+        """Compile, open the log and the bus.
+
+        Args:
+            wait_for_bus: a bus that is not there (yet) is no error, it is waited for.
+
+        Raises:
+            DctorqueError: the log cannot be created, or the bus cannot be opened.
+        """
+        self._chain.warm_up()
+        if not wait_for_bus:
+            self._link.open()
+        if self._log is not None:
+            try:
+                self._log.open()
+            except BaseException:
+                self._link.close()
+                raise
+            settings = self._config.logging
+            self._recorder = Recorder(self._log, settings.frames, settings.estimates)
+
+    def record_table(self, table: Table, rows: NDArray[np.void]) -> None:
+        """Put rows into the log beside what the service itself writes; between `prepare` and `run`."""
+        if self._recorder is not None:
+            self._recorder.table(table, rows)
+
+    def run(self, duration_s: float | None = None) -> Summary:
+        """Serve until `stop`, or for ``duration_s``; the log is closed afterwards."""
+        began_s, began_cpu_s = time.monotonic(), time.process_time()
+        until_s = began_s + duration_s if duration_s is not None else float("inf")
+        self._systemd.ready()
+        try:
+            now_s = began_s
+            while not self._stop and now_s < until_s:
+                messages = self._link.receive_some(min(RECEIVE_TIMEOUT_S, until_s - now_s), MOST_AT_ONCE)
+                if messages:
+                    self._take(messages)
+                now_s = time.monotonic()
+                self._keep_time(now_s)
+            seconds, cpu_s = now_s - began_s, time.process_time() - began_cpu_s
+        finally:
+            self._systemd.stopping()
+            self._link.close()
+            if self._recorder is not None:
+                self._pass_on_news()
+                self._recorder.close()
+                self._pass_on_news()
+        return self._summary(seconds, cpu_s)
+
+    def _take(self, messages: list[can.Message]) -> None:
+        """Do the whole job for a few messages."""
+        frames = frames_from_messages(messages)
+        for i, message in enumerate(messages):
+            if not message.is_rx:
+                frames.flags[i] = FrameFlag.SENT
+        self.received += len(frames)
+        self._t_us = int(frames.t_us[-1])
+        if self._publisher is not None:
+            self._publisher.hear(frames)
+        estimates = self._chain.feed(frames)
+        self._estimates += len(estimates)
+        sent: Frames | None = None
+        if self._publisher is not None and len(estimates):
+            sent = self._publisher.publish(estimates.rows)
+        if self._recorder is not None:
+            self._recorder.frames(frames)
+            self._recorder.estimates(estimates)
+            if sent is not None and len(sent):
+                self._recorder.frames(sent)
+
+    def _keep_time(self, now_s: float) -> None:
+        if self._rotate:
+            self._rotate = False
+            if self._recorder is not None:
+                self._recorder.rotate()
+        if self._recorder is not None:
+            self._recorder.keep_time(now_s)
+            if self._patient:
+                self._recorder.wait_for_room(PATIENT_BYTES)
+        self._pass_on_news()
+        self._systemd.keep_time(now_s, self.received, "estimating" if self._link.up else "waiting for the bus")
+
+    def _tell(self, is_error: bool, text: str) -> None:
+        self._news.append((is_error, text))
+
+    def _pass_on_news(self) -> None:
+        """Show what happened, and note the service's own news in the log."""
+        while self._news:
+            is_error, text = self._news.popleft()
+            if self._recorder is not None:
+                t_us = self._t_us if self._t_us is not None else time.time_ns() // 1000
+                self._recorder.event(t_us, EventLevel.ERROR if is_error else EventLevel.INFO, text)
+            self._say(is_error, text)
+        while self._log is not None and self._log.news:
+            self._say(*self._log.news.popleft())
+
+    def _make_publisher(self) -> Publisher | None:
+        output = self._config.output
+        if not output.enabled:
+            return None
+        return Publisher(OutputEncoder(output.database, output.ids), self._link, self._tell)
+
+    def _summary(self, seconds: float, cpu_s: float) -> Summary:
+        return Summary(
+            seconds=round(seconds, 3),
+            cpu_share=round(cpu_s / max(seconds, 1e-9), 4),
+            frames=self.received,
+            estimates=self._estimates,
+            published=self._link.counts.sent,
+            refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
+            link=self._link.counts,
+            log=self._log.counts if self._log is not None else None,
+            health=health_counts(self._chain.health),
+        )

@@ -1,0 +1,112 @@
+"""A simulated drive of a configured vehicle: its frames and the truth beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.config.load import Config
+from dctorque_can.daemon.truth_log import shifted, write_truth
+from dctorque_can.logs.convert import write_frames
+from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.pipeline.frames import Frames
+from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
+from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, SensorProfile, emit_frames
+
+START_US = 1_704_067_200_000_000  # 2024-01-01T00:00:00Z: the same seed gives the same file
+MIXED_S = 360.0
+
+
+class DriveName(StrEnum):
+    """The drives that can be simulated."""
+
+    PAPER = "paper"
+    MIXED = "mixed"
+
+
+class ProfileName(StrEnum):
+    """How the car measures and sends."""
+
+    LABORATORY = "laboratory"
+    PRODUCTION = "production"
+
+
+@dataclass(frozen=True)
+class SimulatedDrive:
+    """What one drive gave.
+
+    Attributes:
+        frames: in order of time.
+        truth: `TRUTH` rows on the time scale of the frames.
+        name: of the drive, the profile and the seed.
+    """
+
+    frames: Frames
+    truth: NDArray[np.void]
+    name: str
+
+    @property
+    def seconds(self) -> float:
+        """Length of the drive."""
+        return float(self.truth["t_us"][-1] - self.truth["t_us"][0]) / 1e6
+
+
+def simulate_car(
+    config: Config,
+    drive: DriveName,
+    profile: ProfileName,
+    seed: int,
+    duration_s: float | None,
+) -> SimulatedDrive:
+    """Simulate a drive of the vehicle of ``config`` with the messages of demo_car.dbc.
+
+    Raises:
+        DctorqueError: the vehicle cannot be simulated, or its DBCs lack the messages of the simulated car.
+    """
+    vehicle = config.settings.vehicle
+    truth = simulate(vehicle, _drive(config, drive, seed, duration_s))
+    frames = emit_frames(truth, vehicle, _profile(profile, seed), config.database, start_us=START_US)
+    return SimulatedDrive(frames, shifted(truth, START_US), f"{drive} drive, {profile} signals, seed {seed}")
+
+
+def write_log(config: Config, drive: SimulatedDrive, output: Path) -> Path:
+    """Write frames (and, in an MCAP, truth and configuration) and return the path of the truth.
+
+    Another format than MCAP has no place for the truth: it goes to an MCAP beside it.
+
+    Raises:
+        DctorqueError: a file cannot be written.
+    """
+    if output.suffix.lower() == ".mcap":
+        with _mcap(config, drive, output) as log:
+            log.write_frames(drive.frames)
+            write_truth(log, drive.truth)
+        return output
+    write_frames(output, drive.frames)
+    beside = truth_path(output)
+    with _mcap(config, drive, beside) as log:
+        write_truth(log, drive.truth)
+    return beside
+
+
+def truth_path(output: Path) -> Path:
+    """Return where the truth goes."""
+    return output if output.suffix.lower() == ".mcap" else output.with_suffix(".truth.mcap")
+
+
+def _mcap(config: Config, drive: SimulatedDrive, path: Path) -> McapLog:
+    return McapLog(path, documents=config.documents, metadata={"simulation": {"drive": drive.name}})
+
+
+def _drive(config: Config, name: DriveName, seed: int, duration_s: float | None) -> Drive:
+    if name is DriveName.MIXED:
+        return mixed_drive(config.settings.vehicle, seed, duration_s or MIXED_S)
+    return PAPER if duration_s is None else replace(PAPER, duration_s=duration_s)
+
+
+def _profile(name: ProfileName, seed: int) -> SensorProfile:
+    return replace(LABORATORY if name is ProfileName.LABORATORY else PRODUCTION, seed=seed)

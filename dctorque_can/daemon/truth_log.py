@@ -1,0 +1,36 @@
+"""The truth of a simulated drive in an MCAP log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.table import Table
+from dctorque_can.simulation.truth import TRUTH
+
+TRUTHS = Table("/dctorque/truth", "dctorque_msgs/msg/Truth", TRUTH)
+
+
+def shifted(truth: NDArray[np.void], start_us: int) -> NDArray[np.void]:
+    """Return `TRUTH` ``[n]`` that counts from the start of the drive on the time scale of its frames."""
+    rows = truth.copy()
+    rows["t_us"] += start_us
+    return rows
+
+
+def write_truth(log: McapLog, truth: NDArray[np.void]) -> None:
+    """Append rows that are on the time scale of the frames."""
+    log.write_table(TRUTHS, truth)
+
+
+def read_truth(path: Path) -> NDArray[np.void]:
+    """Return the truth in a log.
+
+    Raises:
+        DctorqueError: there is none.
+    """
+    return read_table(path, TRUTHS)
