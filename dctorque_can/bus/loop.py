@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import Coding
-from dctorque_can.bus.protection import CRC_TABLES
+from dctorque_can.bus.protection import payload_crc
 from dctorque_can.bus.tables import N_STANDARD_IDS
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.pipeline.frames import FrameFlag
@@ -69,23 +69,12 @@ def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
 
 
 @compiled_without_allocation
-def _find(raws: Table, first: int, n: int, bits: np.uint64) -> int:
+def find_raw(raws: Table, first: int, n: int, bits: np.uint64) -> int:
     """Return the row of ``raws`` with these bits, -1 for none."""
     for row in range(first, first + n):
         if raws[row].bits == bits:
             return row
     return -1
-
-
-@compiled_without_allocation
-def _crc_fits(data: NDArray[np.uint8], i: int, message: Any, counter: np.int64, raws: Table) -> bool:
-    register = message.crc_start
-    for byte in range(message.length):
-        if byte != message.crc_byte:
-            register = CRC_TABLES[message.crc_table, register ^ data[i, byte]]
-    if message.crc_first_id >= 0:
-        register = CRC_TABLES[message.crc_table, register ^ np.uint8(raws[message.crc_first_id + counter].bits)]
-    return register ^ message.crc_final == data[i, message.crc_byte]  # type: ignore[no-any-return]
 
 
 @compiled_without_allocation
@@ -111,7 +100,7 @@ def _check_frame(
     counter = np.int64(0)
     if message.counter_field >= 0:
         counter = np.int64(_read_bits(data, i, fields[message.counter_field]))
-    if message.crc_table >= 0 and not _crc_fits(data, i, message, counter, raws):
+    if message.crc_table >= 0 and payload_crc(data, i, message, counter, raws) != data[i, message.crc_byte]:
         return BAD_CRC
     if message.counter_field < 0:
         return OK
@@ -135,7 +124,7 @@ def _is_selected(
     for k in range(term.first_condition, term.first_condition + term.n_conditions):
         condition = conditions[k]
         bits = _read_bits(data, i, fields[condition.field])
-        if _find(raws, condition.first_raw, condition.n_raws, bits) < 0:
+        if find_raw(raws, condition.first_raw, condition.n_raws, bits) < 0:
             return False
     return True
 
@@ -166,10 +155,10 @@ def _renew_term(
 ) -> int:
     """Read one signal; only a usable value changes the state. Return its status."""
     bits = _read_bits(data, i, fields[term.field])
-    if _find(raws, term.first_not_available, term.n_not_available, bits) >= 0:
+    if find_raw(raws, term.first_not_available, term.n_not_available, bits) >= 0:
         return NOT_AVAILABLE
     if term.n_values > 0:
-        row = _find(raws, term.first_value, term.n_values, bits)
+        row = find_raw(raws, term.first_value, term.n_values, bits)
         if row < 0:
             return NOT_AVAILABLE
         number = raws[row].value

@@ -15,14 +15,14 @@ Source: AUTOSAR PRS E2E Protocol, sections "Profile 1" and "Profile 2"; SAE J185
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from cantools.database.can import Database, Message
 from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import SignalLayout
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.pipeline.samples import Protection
 
 CRC_KINDS = ("none", "crc8_j1850", "e2e_p01", "e2e_p02")
@@ -44,50 +44,55 @@ CRC_TABLES = np.stack([_crc_table(0x1D), _crc_table(0x2F)])
 J1850, H2F = 0, 1
 
 
-@dataclass(frozen=True, slots=True)
-class Checksum:
-    """How the CRC of one message is formed.
+CHECKSUM = [
+    ("length", "i8"),  # payload bytes covered, those of the DBC message
+    ("crc_table", "i8"),  # row of CRC_TABLES, -1: no CRC
+    ("crc_start", "u1"),  # register before the first payload byte; the data id of profile 1 is already in it
+    ("crc_final", "u1"),  # XOR at the end
+    ("crc_byte", "i8"),  # the CRC's own byte, which is left out
+    ("crc_first_id", "i8"),  # where the ids of profile 2 stand, -1: none
+]
+"""Fields of a record that says how the CRC of a message is formed."""
 
-    Attributes:
-        table: row of `CRC_TABLES`.
-        start: CRC register before the first payload byte (the data id of profile 1 is already in it).
-        final: XOR at the end.
-        crc_byte: index of the CRC's own byte, which is left out.
-        length: payload bytes covered, those of the DBC message.
-        trailing_ids: ids of which the counter selects one to follow the payload (profile 2), else empty.
+
+def checksum_rule(message: Message, protection: Protection, first_id: int) -> tuple[int, ...]:
+    """Return the values of `CHECKSUM` for a protection that has no problems.
+
+    Args:
+        message: the protected message.
+        protection: its protection.
+        first_id: where the caller keeps ``protection.data_ids``.
     """
+    if protection.crc == "none":
+        return message.length, -1, 0, 0, 0, -1
+    crc_byte = SignalLayout.of(message.get_signal_by_name(protection.crc_signal)).lsb_byte
+    if protection.crc == "crc8_j1850":
+        return message.length, J1850, 0xFF, 0xFF, crc_byte, -1
+    if protection.crc == "e2e_p01":
+        table = CRC_TABLES[J1850]
+        start = int(table[int(table[protection.data_id & 0xFF]) ^ (protection.data_id >> 8)])
+        return message.length, J1850, start, 0, crc_byte, -1
+    return message.length, H2F, 0xFF, 0xFF, crc_byte, first_id
 
-    table: int
-    start: int
-    final: int
-    crc_byte: int
-    length: int
-    trailing_ids: tuple[int, ...] = ()
 
-    @classmethod
-    def of(cls, message: Message, protection: Protection) -> Self | None:
-        """Return the checksum of a protection that has no problems, None when it has no CRC."""
-        if protection.crc == "none":
-            return None
-        crc_byte = SignalLayout.of(message.get_signal_by_name(protection.crc_signal)).lsb_byte
-        if protection.crc == "crc8_j1850":
-            return cls(J1850, 0xFF, 0xFF, crc_byte, message.length)
-        if protection.crc == "e2e_p01":
-            table = CRC_TABLES[J1850]
-            start = int(table[int(table[protection.data_id & 0xFF]) ^ (protection.data_id >> 8)])
-            return cls(J1850, start, 0, crc_byte, message.length)
-        return cls(H2F, 0xFF, 0xFF, crc_byte, message.length, tuple(protection.data_ids))
+@compiled_without_allocation
+def payload_crc(data: NDArray[np.uint8], i: int, rule: Any, counter: np.int64, ids: NDArray[Any]) -> np.uint8:
+    """Return the CRC of payload ``i``.
 
-    def column(self, data: NDArray[np.uint8], counters: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return the CRCs, uint8 ``[n]``, of payloads uint8 ``[n, width]`` with alive counters int64 ``[n]``."""
-        table = CRC_TABLES[self.table]
-        register = np.full(len(data), self.start, np.uint8)
-        for byte in range(self.length):
-            if byte != self.crc_byte:
-                register = table[register ^ data[:, byte]]
-        if self.trailing_ids:
-            register = table[register ^ np.array(self.trailing_ids, np.uint8)[counters]]
-        return register ^ np.uint8(self.final)
+    Args:
+        data: uint8 ``[n, width]``.
+        i: row of ``data``.
+        rule: record with the fields of `CHECKSUM`.
+        counter: alive counter of the payload.
+        ids: records whose ``bits`` are ids, which ``rule.crc_first_id`` points into.
+    """
+    register = rule.crc_start
+    for byte in range(rule.length):
+        if byte != rule.crc_byte:
+            register = CRC_TABLES[rule.crc_table, register ^ data[i, byte]]
+    if rule.crc_first_id >= 0:
+        register = CRC_TABLES[rule.crc_table, register ^ np.uint8(ids[rule.crc_first_id + counter].bits)]
+    return register ^ rule.crc_final  # type: ignore[no-any-return]
 
 
 def declared_protections(database: Database) -> tuple[Protection, ...]:

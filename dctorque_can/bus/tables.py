@@ -10,7 +10,7 @@ from cantools.database.can import Database, Message, Signal
 from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import SignalLayout, selectors
-from dctorque_can.bus.protection import Checksum
+from dctorque_can.bus.protection import CHECKSUM, checksum_rule
 from dctorque_can.pipeline.frames import EXTENDED_ID
 from dctorque_can.pipeline.samples import Input, Protection, Term
 
@@ -63,18 +63,13 @@ INPUT = np.dtype(
 
 MESSAGE = np.dtype(
     [
-        ("length", "i8"),
+        *CHECKSUM,
         ("first_pair", "i8"),
         ("n_pairs", "i8"),
         ("timeout_us", "i8"),  # the shortest of its inputs
         ("counter_field", "i8"),  # -1: no counter
         ("counter_modulus", "i8"),
         ("max_counter_delta", "i8"),
-        ("crc_table", "i8"),  # -1: no CRC
-        ("crc_start", "u1"),
-        ("crc_final", "u1"),
-        ("crc_byte", "i8"),
-        ("crc_first_id", "i8"),  # rows of RAW with the data ids of profile 2, -1: none
     ],
     align=True,
 )
@@ -128,9 +123,9 @@ class _Rows:
         self.fields.append((layout.lsb_byte, layout.step, layout.n_bytes, layout.shift, layout.mask))
         return len(self.fields) - 1
 
-    def add_raws(self, raws: dict[int, float]) -> tuple[int, int]:
-        self.raws += sorted(raws.items())
-        return len(self.raws) - len(raws), len(raws)
+    def add_raws(self, bits: Sequence[int], values: Sequence[float] = ()) -> tuple[int, int]:
+        self.raws += zip(bits, values or [0.0] * len(bits), strict=True)
+        return len(self.raws) - len(bits), len(bits)
 
 
 def build_tables(database: Database, inputs: Sequence[Input], protections: Sequence[Protection]) -> DecoderTables:
@@ -178,16 +173,16 @@ def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> 
     chain = selectors(message, signal)
     first_condition = len(rows.conditions)
     for selector, ids in chain:
-        rows.conditions.append((rows.add_field(selector), *rows.add_raws(dict.fromkeys(ids, 0.0))))
-    not_available = {bits: 0.0 for raw in term.not_available if (bits := layout.bits_of(raw)) is not None}
+        rows.conditions.append((rows.add_field(selector), *rows.add_raws(ids)))
+    not_available = [bits for raw in term.not_available if (bits := layout.bits_of(raw)) is not None]
     values = {bits: value for raw, value in term.values.items() if (bits := layout.bits_of(raw)) is not None}
     rows.terms.append(
         (
             *(message_index, rows.add_field(signal), int(layout.coding), 64 - layout.bits),
             *(layout.scale, layout.offset, term.factor, term.offset),
             *(first_condition, len(chain)),
-            *rows.add_raws(not_available),
-            *rows.add_raws(values),
+            *rows.add_raws(sorted(not_available)),
+            *rows.add_raws(list(values), list(values.values())),
         )
     )
 
@@ -196,18 +191,13 @@ def _add_message(
     rows: _Rows, message: Message, protection: Protection, renewed: Sequence[int], timeout_us: int
 ) -> None:
     counter = next((each for each in message.signals if each.name == protection.counter_signal), None)
-    checksum = Checksum.of(message, protection)
-    first_id = -1
-    if checksum is not None and checksum.trailing_ids:
-        first_id = len(rows.raws)
-        rows.raws += [(each, 0.0) for each in checksum.trailing_ids]
+    first_id, _ = rows.add_raws(list(protection.data_ids))
     rows.messages.append(
         (
-            *(message.length, len(rows.pairs), len(renewed), timeout_us),
+            *checksum_rule(message, protection, first_id),
+            *(len(rows.pairs), len(renewed), timeout_us),
             rows.add_field(counter) if counter is not None else -1,
             *(protection.counter_modulus, protection.max_counter_delta),
-            *((checksum.table, checksum.start, checksum.final, checksum.crc_byte) if checksum else (-1, 0, 0, 0)),
-            first_id,
         )
     )
     rows.pairs += renewed

@@ -1,0 +1,233 @@
+"""Estimates to CAN frames by ``dbc/dctorque.dbc``: cyclic on the time of the estimates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from cantools.database.can import Database, Message
+from numpy.typing import NDArray
+
+from dctorque_can.bus.encoder import MessageEncoder
+from dctorque_can.bus.problems import nearest
+from dctorque_can.bus.protection import declared_protections
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+
+Column = NDArray[np.float64]
+
+RPM = 30.0 / math.pi  # of one rad/s
+REVERSE_CODE = 13.0  # gear of the value tables GearShaft1 and GearShaft2
+STARTING, ESTIMATING, DEGRADED = 0.0, 1.0, 2.0  # value tables Dct…State
+
+_MAX_STANDARD_ID = 0x7FF
+_MAX_EXTENDED_ID = 0x1FFF_FFFF
+
+
+def _torques(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    valid1, valid2 = _has(rows, Status.CLUTCH1_VALID), _has(rows, Status.CLUTCH2_VALID)
+    return {
+        "Clutch1TorqueValid": _flag(valid1),
+        "Clutch2TorqueValid": _flag(valid2),
+        "DctClutchTorqueState": state,
+        "Clutch1Torque": _where(valid1, rows["clutch1_torque_nm"]),
+        "Clutch2Torque": _where(valid2, rows["clutch2_torque_nm"]),
+        "ClutchTorqueSum": _where(valid1 & valid2, rows["clutch_torque_sum_nm"]),
+    }
+
+
+def _driveline(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    valid, learned = _has(rows, Status.OUTPUT_VALID), _has(rows, Status.ROAD_LOAD_LEARNED)
+    return {
+        "OutputTorqueValid": _flag(valid),
+        "RoadLoadLearned": _flag(learned),
+        "DctDrivelineState": state,
+        "OutputTorque": _where(valid, rows["output_torque_nm"]),
+        "OutputTorqueAdaptive": _where(valid & learned, rows["output_torque_adaptive_nm"]),
+        "RoadLoadTorque": _where(learned, rows["road_load_nm"]),
+    }
+
+
+def _slips(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    valid = ~_has(rows, Status.INPUT_STALE)
+    gears, phases = _has(rows, Status.GEARS_KNOWN), _has(rows, Status.PHASES_KNOWN)
+    return {
+        "ClutchSlipValid": _flag(valid),
+        "DctClutchSlipState": state,
+        "Clutch1Slip": _where(valid, rows["clutch1_slip_rad_s"] * RPM),
+        "Clutch2Slip": _where(valid, rows["clutch2_slip_rad_s"] * RPM),
+        "Clutch1Phase": _where(phases & (rows["phase1"] <= ClutchPhase.LOCKED), rows["phase1"]),
+        "Clutch2Phase": _where(phases & (rows["phase2"] <= ClutchPhase.LOCKED), rows["phase2"]),
+        "GearShaft1": _where(gears, np.where(rows["gear1"] < 0, REVERSE_CODE, rows["gear1"])),
+        "GearShaft2": _where(gears, np.where(rows["gear2"] < 0, REVERSE_CODE, rows["gear2"])),
+    }
+
+
+def _status(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    return {
+        "DctStatusState": state,
+        "Clutch1Valid": _flag(_has(rows, Status.CLUTCH1_VALID)),
+        "Clutch2Valid": _flag(_has(rows, Status.CLUTCH2_VALID)),
+        "OutputValid": _flag(_has(rows, Status.OUTPUT_VALID)),
+        "GearsKnown": _flag(_has(rows, Status.GEARS_KNOWN)),
+        "PhasesKnown": _flag(_has(rows, Status.PHASES_KNOWN)),
+        "RoadLoadKnown": _flag(_has(rows, Status.ROAD_LOAD_LEARNED)),
+        "Converged": _flag(_has(rows, Status.CONVERGED)),
+        "InputStale": _flag(_has(rows, Status.INPUT_STALE)),
+        "SpeedImplausible": _flag(_has(rows, Status.SPEED_IMPLAUSIBLE)),
+        "EstimateLimited": _flag(_has(rows, Status.LIMITED)),
+        "EngineTorqueEstimate": _where(~_has(rows, Status.INPUT_STALE), rows["engine_torque_nm"]),
+    }
+
+
+CONTENTS: dict[str, Callable[[NDArray[np.void], Column], dict[str, Column]]] = {
+    "DctClutchTorque": _torques,
+    "DctDriveline": _driveline,
+    "DctClutchSlip": _slips,
+    "DctStatus": _status,
+}
+"""Physical values of each message by signal name, in the unit of the DBC; NaN where a value is not valid."""
+
+_DEGRADED_BITS = np.uint32(Status.INPUT_STALE | Status.SPEED_IMPLAUSIBLE | Status.LIMITED)
+_CONVERGED_BIT = np.uint32(Status.CONVERGED)
+
+
+def _has(rows: NDArray[np.void], bit: Status) -> NDArray[np.bool_]:
+    return np.asarray(rows["status"] & int(bit), np.bool_)
+
+
+def _flag(is_set: NDArray[np.bool_]) -> Column:
+    return is_set.astype(np.float64)
+
+
+def _where(valid: NDArray[np.bool_], value: NDArray[np.float64]) -> Column:
+    return np.where(valid, value, np.nan)
+
+
+def _state(status: NDArray[np.uint32]) -> Column:
+    running = np.where(status & _DEGRADED_BITS, DEGRADED, ESTIMATING)
+    return np.where(status & _CONVERGED_BIT, running, STARTING)
+
+
+class OutputEncoder:
+    """Encoder of estimates, with counters and CRC kept from call to call.
+
+    A message is sent with the first estimate, then with the first estimate that reaches its cycle time less a
+    tenth, measured on the estimates' own time; a delayed one does not shift those that follow. After a pause of
+    two cycles or a step back in time the cycle starts anew. Values that are not valid are sent as "not
+    available". The result does not depend on how the estimates are cut into batches.
+
+    Args:
+        database: ``dbc/dctorque.dbc``, or one with the same messages at other places. Messages that it lacks are
+            not sent.
+        ids: other arbitration ids by message name; above 0x7FF, or with `EXTENDED_ID`, they have 29 bits. The
+            data ids of the end-to-end protection stay those of the DBC.
+        channel: index of the bus, for `Frames.channel`.
+
+    Raises:
+        DctorqueError: the DBC or the ids do not fit.
+    """
+
+    def __init__(self, database: Database, ids: Mapping[str, int] | None = None, channel: int = 0) -> None:
+        overrides = dict(ids or {})
+        protections = {protection.message: protection for protection in declared_protections(database)}
+        chosen = [message for message in database.messages if message.name in CONTENTS]
+        if not chosen:
+            raise DctorqueError(f"output DBC: has none of the messages {', '.join(CONTENTS)}")
+        known = [message.name for message in chosen]
+        for name in overrides:
+            if name not in known:
+                hint = nearest(name, known) or tuple(known)
+                raise DctorqueError(f"output id of {name}: no such message; did you mean {' or '.join(hint)}?")
+        self._messages = [
+            _CyclicMessage(
+                message,
+                MessageEncoder(message, protections.get(message.name)),
+                _can_id(message, overrides.get(message.name)),
+            )
+            for message in chosen
+        ]
+        by_id: dict[int, str] = {}
+        for each in self._messages:
+            if each.can_id in by_id:
+                raise DctorqueError(
+                    f"output ids: {each.name} and {by_id[each.can_id]} have the same id 0x{each.can_id:X}"
+                )
+            by_id[each.can_id] = each.name
+        self._channel = channel
+        self._width = 8 if max(message.length for message in chosen) <= 8 else 64
+
+    @property
+    def can_ids(self) -> dict[str, int]:
+        """The identifiers that are sent, by message name, with `EXTENDED_ID` set for 29-bit ones."""
+        return {each.name: each.can_id for each in self._messages}
+
+    def encode(self, rows: NDArray[np.void]) -> Frames:
+        """Return the frames that are due, in order of time; flags `FrameFlag.SENT`.
+
+        Args:
+            rows: `ESTIMATE` ``[n]`` in order of time.
+        """
+        due = [message.due(rows["t_us"]) for message in self._messages]
+        state = _state(rows["status"])
+        frames = Frames.empty(sum(map(len, due)), self._width)
+        first = 0
+        for message, chosen in zip(self._messages, due, strict=True):
+            if len(chosen):
+                end = first + len(chosen)
+                message.encode(rows[chosen], state[chosen], frames[first:end])
+                first = end
+        frames.channel[:] = self._channel
+        frames.flags[:] |= np.uint8(FrameFlag.SENT)
+        if len(rows) <= 1:
+            return frames
+        return frames[np.argsort(np.concatenate(due), kind="stable")]
+
+
+class _CyclicMessage:
+    def __init__(self, message: Message, encoder: MessageEncoder, can_id: int) -> None:
+        if not message.cycle_time or message.cycle_time <= 0:
+            raise DctorqueError(f"output DBC: {message.name} has no GenMsgCycleTime; give it one in ms")
+        self.name = message.name
+        self.can_id = can_id
+        self._length = message.length
+        self._flags = int(FrameFlag.FD) if message.is_fd or message.length > 8 else 0
+        self._encoder = encoder
+        self._period_us = int(message.cycle_time * 1000)
+        self._early_us = self._period_us // 10  # so that an estimate with a little jitter is not missed
+        self._next_us: int | None = None
+
+    def due(self, t_us: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Return the rows with which the message is sent."""
+        rows: list[int] = []
+        times = t_us.tolist()
+        following = self._next_us
+        period = self._period_us
+        for row, t in enumerate(times):
+            if following is None or t >= following + period or t < following - 2 * period:
+                following = t
+            if t >= following - self._early_us:
+                rows.append(row)
+                following += period
+        self._next_us = following
+        return np.array(rows, np.intp)
+
+    def encode(self, rows: NDArray[np.void], state: Column, frames: Frames) -> None:
+        """Fill one empty frame per row."""
+        frames.t_us[:] = rows["t_us"]
+        frames.can_id[:] = self.can_id
+        frames.length[:] = self._length
+        frames.flags[:] = self._flags
+        frames.data[:, : self._length] = self._encoder.encode(CONTENTS[self.name](rows, state))
+
+
+def _can_id(message: Message, override: int | None) -> int:
+    if override is None:
+        return int(message.frame_id) | (EXTENDED_ID if message.is_extended_frame else 0)
+    number = override & ~EXTENDED_ID
+    if override < 0 or number > _MAX_EXTENDED_ID:
+        raise DctorqueError(f"output id of {message.name}: 0x{override:X} is no id; 0..0x{_MAX_EXTENDED_ID:X} is")
+    return number | EXTENDED_ID if override != number or number > _MAX_STANDARD_ID else number
