@@ -351,20 +351,26 @@ def add_shaft_torques(s: Any, change: tuple[float, float]) -> None:
 
 
 @compiled
-def settle(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, dt: float) -> None:
-    """Draw the clutch torques to the unknown input estimates (37), (38), and learn the road load, over ``dt``."""
+def settle(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, dt: float) -> bool:
+    """Draw the clutch torques to the unknown input estimates (37), (38) over ``dt``; learn the road load.
+
+    Returns:
+        Whether the road load was learned.
+    """
     s.T_c1_uio, s.T_c2_uio = unknown_input_torques(pair, s.T_c, s.T_a, carries_1, carries_2)
     share = 1.0 - math.exp(-c.L * dt)
     s.T_c1 = s.T_c1 + share * (s.T_c1_uio - s.T_c1) if carries_1 else 0.0
     s.T_c2 = s.T_c2 + share * (s.T_c2_uio - s.T_c2) if carries_2 else 0.0
     if c.road_load == RoadLoad.FLAT:
         s.T_n = flat_road_load(c, s.w_w)
-    elif c.road_load == RoadLoad.LEARNED and pair.side != 0 and not (carries_1 and carries_2):
+    if c.road_load == RoadLoad.LEARNED and pair.side != 0 and not (carries_1 and carries_2):
         # one clutch carries T_c alone, so T_a is known and what it misses belongs to the output torque
         R_own = pair.R_1 if carries_1 else pair.R_2
         T_a = s.T_c * R_own / pair.R_s if carries_1 or carries_2 else 0.0
         error = pair.R_s / driving_loss(c, s) * (T_a - s.T_a)
         s.T_n += (1.0 - math.exp(-dt / c.T_road)) * error
+        return True
+    return False
 
 
 @compiled

@@ -34,6 +34,7 @@ RULES = np.dtype(
         ("max_gap_us", "i8"),
         ("max_step_back_us", "i8"),
         ("settling_us", "i8"),
+        ("learning_us", "i8"),
         ("driven_axle", "i8"),
         ("infer_gears", "?"),
         ("engage_tolerance", "f8"),
@@ -66,6 +67,7 @@ CORE = np.dtype(
         ("frame_ok", "?"),  # the frame at hand has a usable sample
         ("running", "?"),  # the observer has been started
         ("reset_us", "i8"),
+        ("learned_us", "i8"),  # how long the road load has been learned since the start
         ("settled_us", "i8"),  # when the torques were last drawn to the unknown input estimates
         ("engine_us", "i8"),  # time of the last correction by each speed
         ("shaft_us", "i8", (2,)),
@@ -107,6 +109,7 @@ _OUTPUT_VALID = int(Status.OUTPUT_VALID)
 _ALL_VALID = int(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID)
 _GEARS_KNOWN = int(Status.GEARS_KNOWN)
 _PHASES_KNOWN = int(Status.PHASES_KNOWN)
+_ROAD_LOAD_LEARNED = int(Status.ROAD_LOAD_LEARNED)
 _CONVERGED = int(Status.CONVERGED)
 _INPUT_STALE = int(Status.INPUT_STALE)
 _SPEED_IMPLAUSIBLE = int(Status.SPEED_IMPLAUSIBLE)
@@ -261,6 +264,7 @@ def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any) -> None:
     w_s = core.w_c[1] if pair.side == 2 else core.w_c[0]
     oh2014.reset(s, c, core.value[_ENGINE_SPEED], w_s, w_w, core.value[_ENGINE_TORQUE])
     core.running = True
+    core.learned_us = 0
     core.reset_us = core.settled_us = core.engine_us = core.wheel_us = core.twist_us = core.t_us
 
 
@@ -330,8 +334,9 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
         oh2014.add_shaft_torques(s, (dt * dT_c1, dt * dT_c2))
         core.twist_us = core.t_us
         core.w_c_last[0], core.w_c_last[1] = core.w_c[0], core.w_c[1]
-    dt = (core.t_us - core.settled_us) * 1e-6
-    oh2014.settle(s, c, pair, carries_1, carries_2, dt)
+    elapsed_us = core.t_us - core.settled_us
+    if oh2014.settle(s, c, pair, carries_1, carries_2, elapsed_us * 1e-6):
+        core.learned_us += elapsed_us
     core.settled_us = core.t_us
 
 
@@ -371,6 +376,8 @@ def judge(core: Any, rules: Any, pair: Any, limited: bool, adaptive: bool) -> in
         status |= _PHASES_KNOWN
     if settled:
         status |= _CONVERGED
+    if core.running and core.learned_us >= rules.learning_us:
+        status |= _ROAD_LOAD_LEARNED
     if not core.running:
         status |= _INPUT_STALE
     if limited:

@@ -114,6 +114,7 @@ def _rules(settings: Settings) -> NDArray[np.void]:
         design.acceleration_bandwidth_rad_s,
     )
     r["settling_us"] = int(SETTLING / slowest * 1e6)
+    r["learning_us"] = int(SETTLING * design.road_load_time_s * 1e6)
     r["driven_axle"] = settings.driven_axle
     if inference is not None:
         r["infer_gears"] = True
