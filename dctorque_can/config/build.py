@@ -20,7 +20,7 @@ from dctorque_can.config.estimation import (
 from dctorque_can.config.inputs import QUANTITY_AT, InputBuilder, InputEntry, InputsSection
 from dctorque_can.config.plausibility import gear_doubts, gear_map_doubts, inference_doubts
 from dctorque_can.config.problems import KeyPath
-from dctorque_can.config.section import S, nearest, sound_parts, validate
+from dctorque_can.config.section import S, absent, nearest, sound_parts, validate
 from dctorque_can.config.signals import (
     CommandSection,
     FlagSection,
@@ -54,14 +54,14 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         None when there was an error.
     """
     vehicle = _section(document, ("vehicle",), VehicleSection)
-    gears = _gears(document)
+    gears, complete = _gears(document)
     radius = document.value(("vehicle", "chassis", "wheel_radius_m"))
     sound_radius = (
         radius if isinstance(radius, int | float) and not isinstance(radius, bool) and radius > 0 else 1.0
     )
     builder = InputBuilder(document, database, sound_radius)
     _inputs(document, builder)
-    inference = _gear_source(document, builder, gears)
+    inference = _gear_source(document, builder, gears, complete)
     phases = _clutch_phase(document, builder)
     estimator = validate(document, ("estimator",), EstimatorSection)
     protections = _protections(document, builder)
@@ -87,11 +87,11 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
 
 def _section(document: Document, path: KeyPath, model: type[S]) -> S | None:
     """Validate a required section; a missing one is reported elsewhere, in one line."""
-    return validate(document, path, model) if document.value(path) else None
+    return None if absent(document.value(path)) else validate(document, path, model)
 
 
-def _gears(document: Document) -> dict[int, Gear]:
-    """Return the sound gears of the vehicle, and report what is implausible about them."""
+def _gears(document: Document) -> tuple[dict[int, Gear], bool]:
+    """Return the sound gears and whether these are all, and report what is implausible about them."""
     places: dict[KeyPath, Gear] = {}
     for path, part in sound_parts(VehicleSection, document.value(("vehicle",)), ("vehicle",)):
         if isinstance(part, GearSection):
@@ -104,11 +104,11 @@ def _gears(document: Document) -> dict[int, Gear]:
         if gear.number in gears:
             document.problems.append(document.problem(path, "reverse is given twice"))
         gears[gear.number] = gear
-    complete = len(gears) == len(document.value(("vehicle", "gears")) or ())
+    complete = bool(gears) and len(gears) == len(document.value(("vehicle", "gears")) or ())
     if gears:
         for doubt in gear_doubts(places, complete):
             document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
-    return gears
+    return gears, complete
 
 
 def _inputs(document: Document, builder: InputBuilder) -> None:
@@ -120,7 +120,9 @@ def _inputs(document: Document, builder: InputBuilder) -> None:
             builder.add(at, quantity, part)
 
 
-def _gear_source(document: Document, builder: InputBuilder, gears: dict[int, Gear]) -> GearInference | None:
+def _gear_source(
+    document: Document, builder: InputBuilder, gears: dict[int, Gear], complete: bool
+) -> GearInference | None:
     path: KeyPath = ("gears",)
     model = _model_of_source(document, path, GEAR_SOURCES)
     if model is None:
@@ -136,7 +138,7 @@ def _gear_source(document: Document, builder: InputBuilder, gears: dict[int, Gea
             quantity = Quantity.GEAR1 if shaft == 1 else Quantity.GEAR2
             values = {raw: float(gear) for raw, gear in part.values.items()}
             builder.add_mapped(at, quantity, part.signal, values, part.timeout_ms)
-            for doubt in gear_map_doubts(at, shaft, part, gears) if gears else ():
+            for doubt in gear_map_doubts(at, shaft, part, gears, complete):
                 document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
     return None
 
@@ -188,7 +190,7 @@ def _actuation(section: PositionSection | FlagSection | CommandSection) -> Clutc
 def _model_of_source(document: Document, path: KeyPath, models: dict[str, type[S]]) -> type[S] | None:
     """Return the model that the key `source` of a section chooses."""
     section = document.value(path)
-    if not section:
+    if absent(section):
         return None
     source = section.get("source") if isinstance(section, dict) else None
     if isinstance(source, str) and source in models:

@@ -24,7 +24,7 @@ from dctorque_can.config.edges import (
 from dctorque_can.config.inputs import InputEntry
 from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import ConfigError, KeyPath, Problem
-from dctorque_can.config.section import Section, nearest, problem_order, validate
+from dctorque_can.config.section import Section, absent, nearest, problem_order, validate
 from dctorque_can.pipeline.samples import Input, Protection
 from dctorque_can.pipeline.settings import Settings
 from dctorque_can.resources import shipped_dbc
@@ -157,7 +157,7 @@ def _load(
         raise ConfigError(document.problems)
     documents = {path.name: content}
     if overrides:
-        documents[path.stem + OVERRIDES_SUFFIX] = yaml.safe_dump(overrides, sort_keys=False).encode()
+        documents[path.stem + OVERRIDES_SUFFIX] = _quoted(overrides)
     files = _DatabaseFiles(document, documents, read, among_documents)
     database = files.vehicle()
     parts = build_parts(document, database)
@@ -188,6 +188,11 @@ def _load(
     )
 
 
+def _quoted(overrides: dict[str, str]) -> bytes:
+    """Return the overrides as YAML whose every value is read back as text."""
+    return yaml.safe_dump(overrides, sort_keys=False, default_style='"', width=10_000).encode()
+
+
 def _check_sections(document: Document) -> None:
     """Report unknown and missing keys at the top of the file."""
     known = (*SECTIONS, *OPTIONAL_SECTIONS)
@@ -195,7 +200,7 @@ def _check_sections(document: Document) -> None:
         if key not in known:
             document.problems.append(document.problem((key,), "unknown section" + nearest(str(key), known)))
     for key, what in SECTIONS.items():
-        if document.data.get(key) in (None, {}, []):
+        if absent(document.data.get(key)):
             document.problems.append(document.problem((key,), f"missing: {what}"))
     name = document.data.get("name")
     if name is not None and not (isinstance(name, str) and name.strip()):
@@ -236,9 +241,14 @@ class _DatabaseFiles:
         if section is None:
             return None
         where: KeyPath = ("output", "database")
-        name = OUTPUT_DBC if section.database is None else section.database
-        shipped = section.database is None and not self._among_documents
-        file = self._content(where, str(shipped_dbc(OUTPUT_DBC)) if shipped else name)
+        if section.database is not None:
+            file = self._content(where, section.database)
+        elif self._among_documents and self._has(OUTPUT_DBC):
+            file = self._content(where, OUTPUT_DBC)
+        else:
+            path = shipped_dbc(OUTPUT_DBC)
+            file = DatabaseFile(path, content=path.read_bytes())
+            self._documents[self._stored_name(OUTPUT_DBC)] = path.read_bytes()
         if file is None or not self._loads(where, file):
             return None
         settings = OutputSettings(section.enabled, file.path, load_database([file]), dict(section.ids))
@@ -265,6 +275,13 @@ class _DatabaseFiles:
             return None
         self._documents[stored] = content
         return DatabaseFile(path, strict, content)
+
+    def _has(self, name: str) -> bool:
+        try:
+            self._read(self._stored_name(name))
+        except OSError:
+            return False
+        return True
 
     def _path(self, name: str) -> Path:
         return Path(self._document.name).parent / name

@@ -36,9 +36,7 @@ def gear_doubts(gears: Mapping[KeyPath, Gear], complete: bool) -> Iterator[Doubt
     if complete:
         yield from _missing_gears(forward, {gear.shaft for gear in gears.values()})
     for (_, _, lower), (_, path, higher) in pairwise(forward):
-        if higher.shaft == lower.shaft and higher.total_ratio == lower.total_ratio:
-            yield Doubt(path, f"has the same total ratio as gear {lower.number}: {higher.total_ratio:.4g}", False)
-        elif higher.total_ratio > lower.total_ratio * (1 + SAME_RATIO):
+        if higher.total_ratio > lower.total_ratio * (1 + SAME_RATIO):
             reason = f"total ratio {higher.total_ratio:.4g} is more than that of gear {lower.number}"
             yield Doubt(path, f"{reason}, {lower.total_ratio:.4g}: which final drive belongs to it?", True)
     for (_, _, first), (_, path, second) in combinations(forward, 2):
@@ -63,17 +61,25 @@ def _missing_gears(forward: list[tuple[int, KeyPath, Gear]], shafts: set[int]) -
 
 
 def gear_map_doubts(
-    path: KeyPath, shaft: int, section: GearSignalSection, gears: Mapping[int, Gear]
+    path: KeyPath, shaft: int, section: GearSignalSection, gears: Mapping[int, Gear], complete: bool
 ) -> Iterator[Doubt]:
-    """Yield where the map from raw values to gears does not fit the vehicle."""
+    """Yield where the map from raw values to gears of a shaft does not fit the vehicle.
+
+    Args:
+        path: key path of the map's section.
+        shaft: 1 or 2.
+        section: signal and map.
+        gears: all gears of the vehicle that are free of errors, by number.
+        complete: whether these are all there are; else nothing is said about unknown ones.
+    """
     for key, number in section.values.items():
         if number == 0:
             continue
         name = _name(int(number))
-        if number not in gears:
+        if number not in gears and complete:
             have = ", ".join(_name(n) for n in sorted(gears, key=lambda n: (n < 0, n)))
             yield Doubt((*path, "values", key), f"the vehicle has no gear {name}; there is: {have}", False)
-        elif gears[int(number)].shaft != shaft:
+        elif number in gears and gears[int(number)].shaft != shaft:
             reason = f"gear {name} is on shaft {gears[int(number)].shaft}, not on shaft {shaft}"
             yield Doubt((*path, "values", key), reason, False)
     if 0 not in section.values.values():

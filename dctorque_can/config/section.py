@@ -29,6 +29,11 @@ class Section(BaseModel):
         yield from ()
 
 
+def absent(value: object) -> bool:
+    """Return whether a section has nothing in it, as if its key were not there."""
+    return value is None or value == {} or value == []
+
+
 def validate(document: Document, path: KeyPath, model: type[S]) -> S | None:
     """Read what stands at ``path`` as ``model``; every error goes to ``document.problems``.
 

@@ -1,0 +1,93 @@
+"""`dctorque check`: what people see, what scripts read, and the exit codes."""
+
+import json
+import re
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from dctorque_can.cli.check import LOST, check
+from dctorque_can.pipeline.samples import Quantity
+
+APP = typer.Typer()
+APP.command()(check)
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(APP, [str(argument) for argument in arguments], env={"COLUMNS": "200"})
+
+
+def test_a_good_file_shows_its_inputs() -> None:
+    result = run("paper_car")
+    assert result.exit_code == 0, result.output
+    rows = {cells[1]: cells for line in result.stdout.splitlines() if len(cells := re.split(r"\s*│\s*", line)) > 3}
+    assert rows["engine_speed"][2:8] == [
+        *("EngineData.EngineSpeed", "rpm · 0.10472", "0 … 1100", "10 ms", "100 ms", "e2e_p01, counter"),
+    ]
+    assert rows["wheel_speed_rr"][3:7] == ["km/h · 0.890313", "-350 … 350", "20 ms", "200 ms"]
+    assert rows["gear2"][3] == "0→0 14→0 2→2 4→4"
+    assert rows["grade"][2] == "not given"
+    assert "no errors" in result.stdout
+    assert result.stderr == ""
+
+
+def test_json_for_scripts() -> None:
+    result = run("avante_dct7", "--json", "--set", "inputs.engine_speed.timeout_ms=15")
+    report = json.loads(result.stdout)
+    assert (result.exit_code, report["ok"], report["name"], report["errors"]) == (0, True, "Avante DCT7", [])
+    assert [warning["key"] for warning in report["warnings"]] == ["inputs.engine_speed.timeout_ms"]
+    (speed,) = [row for row in report["inputs"] if row["quantity"] == "shaft1_speed"]
+    assert (speed["signals"], speed["units"], speed["period_ms"]) == (
+        ["InputShafts.InputShaft1Speed"],
+        ["rpm"],
+        10,
+    )
+    assert [row["quantity"] for row in report["inputs"] if not row["present"]] == ["acceleration", "grade"]
+
+
+def test_errors_go_to_stderr_and_end_with_1(write) -> None:
+    path = write({"vehicle.engine_inertia_kgm2": -1, "inputs.engine_speed": "EngineData.EngineSped"})
+    result = run(path)
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    lines = result.stderr.splitlines()
+    assert re.fullmatch(rf"{path}:\d+: vehicle\.engine_inertia_kgm2 = -1: must be greater than 0", lines[0])
+    assert "did you mean EngineSpeed" in lines[1]
+    assert lines[-1] == f"{path}: 2 errors"
+
+
+def test_errors_as_json(write) -> None:
+    path = write({"vehicle.engine_inertia_kgm2": -1})
+    result = run(path, "--json")
+    report = json.loads(result.stdout)
+    assert (result.exit_code, report["ok"], report["inputs"]) == (1, False, [])
+    assert report["errors"][0] == {
+        "file": str(path),
+        "line": 3,
+        "key": "vehicle.engine_inertia_kgm2",
+        "value": "-1",
+        "reason": "must be greater than 0",
+        "severity": "error",
+    }
+
+
+def test_inferred_gears_are_not_missing(write) -> None:
+    result = run(write({"gears": {"source": "ratio"}}))
+    assert result.exit_code == 0
+    assert "inferred from the ratio" in result.stdout
+
+
+@pytest.mark.parametrize("arguments", [(), ("paper_car", "--set", "can.channel")])
+def test_wrong_usage_ends_with_2(arguments) -> None:
+    assert run(*arguments).exit_code == 2
+
+
+def test_a_file_that_is_not_there() -> None:
+    result = run("no_such_car.yaml")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("no_such_car.yaml: cannot be read: No such file or directory")
+
+
+def test_every_quantity_says_what_is_lost_without_it() -> None:
+    assert set(LOST) == {quantity.name.lower() for quantity in Quantity}
