@@ -8,9 +8,9 @@ from pathlib import Path
 import can
 
 from dctorque_can.logs.errors import LogWriteError
+from dctorque_can.logs.formats import FORMATS
 from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.logs.messages import message_from_frame
-from dctorque_can.logs.reader import FORMATS
 from dctorque_can.pipeline.frames import Frames
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
 import itertools
+import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TextIO
 
 import can
 
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.lines import Lines, each_message
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.pipeline.frames import Frames
 
@@ -16,10 +20,11 @@ _BATCH = 10_000
 
 
 class PythonCanFrames:
-    """The frames of a file that `can.LogReader` reads.
+    """The frames of a binary file that `can.LogReader` reads.
 
     Attributes:
         problems: why reading stopped early, one line each.
+        fraction: 1 when all has been read; these formats do not say more.
     """
 
     def __init__(self, path: Path) -> None:
@@ -28,7 +33,6 @@ class PythonCanFrames:
         self.metadata: dict[str, dict[str, str]] = {}
         self.problems: list[str] = []
         self.fraction = 0.0
-        self._size = path.stat().st_size
         self._numbers = ChannelNumbers()
         try:
             self._reader = can.LogReader(path)
@@ -41,23 +45,8 @@ class PythonCanFrames:
 
     def frames(self) -> Iterator[Frames]:
         """Yield the frames in batches; stops with a problem line where python-can gives up."""
-        count = 0
         with self._reader as reader:
-            messages = iter(reader)
-            while True:
-                batch: list[can.Message] = []
-                failure: Exception | None = None
-                try:  # what was read before the failure stays in the list
-                    batch.extend(itertools.islice(messages, _BATCH))
-                except Exception as error:  # noqa: BLE001 - they raise whatever a bad byte leads to
-                    failure = error
-                count += len(batch)
-                if batch:
-                    yield frames_from_messages(batch, self._numbers)
-                if failure is not None:
-                    self.problems.append(f"{self.path}: reading stopped after {count} frames: {_words(failure)}")
-                if failure is not None or len(batch) < _BATCH:
-                    break
+            yield from _batches(self.path, iter(reader), self._numbers, self.problems)
         self.fraction = 1.0
 
     def close(self) -> None:
@@ -65,5 +54,81 @@ class PythonCanFrames:
         self._reader.stop()
 
 
+class PythonCanTextFrames:
+    """The frames of a TRC or CSV file by the readers of python-can; bad lines are counted and left out.
+
+    Attributes:
+        fraction: share of the file that has been read.
+    """
+
+    def __init__(self, path: Path, suffix: str) -> None:
+        self.path = path
+        self.documents: dict[str, bytes] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.fraction = 0.0
+        self._suffix = suffix
+        self._numbers = ChannelNumbers()
+        self._bad_lines = 0
+        self._first_bad_line = ""
+        self._problems: list[str] = []
+
+    @property
+    def problems(self) -> list[str]:
+        """What could not be read, one line each; complete when the frames have been read."""
+        if not self._bad_lines:
+            return self._problems
+        return [
+            f"{self.path}: {self._bad_lines} lines can not be read, the first is {self._first_bad_line}",
+            *self._problems,
+        ]
+
+    def frames(self) -> Iterator[Frames]:
+        """Yield the frames in batches."""
+        size = max(self.path.stat().st_size, 1)
+        reader = can.TRCReader if self._suffix == ".trc" else can.CSVReader
+        header = "" if self._suffix == ".trc" else "header\n"  # which the CSV reader skips unread
+        with self.path.open("rb") as raw, _text(self.path, raw.fileno()) as file:
+            messages = each_message(Lines(file), reader, header, self._count_bad_line)
+            for batch in _batches(self.path, messages, self._numbers, self._problems):
+                self.fraction = min(os.lseek(raw.fileno(), 0, os.SEEK_CUR) / size, 1.0)
+                yield batch
+        self.fraction = 1.0
+
+    def close(self) -> None:
+        """Nothing stays open."""
+
+    def _count_bad_line(self, lines: Lines) -> None:
+        if not self._bad_lines:
+            self._first_bad_line = f"line {lines.count}: {lines.last.strip()[:60]!r}"
+        self._bad_lines += 1
+
+
+def _text(path: Path, descriptor: int) -> TextIO:
+    if path.suffix.lower() == ".gz":
+        raw = open(descriptor, "rb", closefd=False)  # noqa: SIM115 - closed with the text
+        return gzip.open(raw, "rt", encoding="utf-8", errors="replace")
+    return open(descriptor, encoding="utf-8", errors="replace", closefd=False)
+
+
+def _batches(
+    path: Path, messages: Iterator[can.Message], numbers: ChannelNumbers, problems: list[str]
+) -> Iterator[Frames]:
+    count = 0
+    while True:
+        batch: list[can.Message] = []
+        failure: Exception | None = None
+        try:  # what was read before the failure stays in the list
+            batch.extend(itertools.islice(messages, _BATCH))
+        except Exception as error:  # noqa: BLE001 - they raise whatever a bad byte leads to
+            failure = error
+        count += len(batch)
+        if batch:
+            yield frames_from_messages(batch, numbers)
+        if failure is not None:
+            problems.append(f"{path}: reading stopped after {count} frames: {_words(failure)}")
+        if failure is not None or len(batch) < _BATCH:
+            return
+
+
 def _words(error: Exception) -> str:
-    return f"{error or type(error).__name__}"
+    return f"{str(error) or type(error).__name__}"

@@ -7,15 +7,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.asc import Asc
+from dctorque_can.logs.blf import BlfFrames
+from dctorque_can.logs.candump import Candump
+from dctorque_can.logs.formats import checked_format
 from dctorque_can.logs.mcap_reader import McapFrames
-from dctorque_can.logs.python_can import PythonCanFrames
+from dctorque_can.logs.python_can import PythonCanFrames, PythonCanTextFrames
+from dctorque_can.logs.text_blocks import TextFrames
 from dctorque_can.pipeline.frames import Frames
-
-FORMATS = (".asc", ".blf", ".log", ".trc", ".csv", ".mf4", ".mcap")
-TEXT_FORMATS = (".asc", ".log", ".trc", ".csv")
-_MAGIC = {b"LOGG": ".blf", b"\x89MCAP": ".mcap", b"MDF ": ".mf4", b"UnFinMF ": ".mf4", b"\x1f\x8b": ".gz"}
-_BINARY_FORMATS = (".blf", ".mcap", ".mf4")
 
 
 class FrameSource(Protocol):
@@ -100,35 +99,19 @@ def open_log(path: Path | str) -> LogReader:
         LogReadError: no such file, no such format, empty, or its content is not what its suffix says.
     """
     path = Path(path)
-    suffix = _checked_suffix(path)
+    suffix, head = checked_format(path)
+    return LogReader(path, _source(path, suffix, head))
+
+
+def _source(path: Path, suffix: str, head: bytes) -> FrameSource:
     if suffix == ".mcap":
-        return LogReader(path, McapFrames(path))
-    return LogReader(path, PythonCanFrames(path))
-
-
-def _checked_suffix(path: Path) -> str:
-    known = ", ".join(FORMATS) + " (text ones also with .gz)"
-    if path.is_dir():
-        raise LogReadError(f"{path}: is a directory; give one log file: {known}")
-    if not path.exists():
-        raise LogReadError(f"{path}: there is no such file")
-    suffixes = [suffix.lower() for suffix in path.suffixes[-2:]]
-    zipped = suffixes[-1:] == [".gz"]
-    suffix = (suffixes[0] if len(suffixes) == 2 else "") if zipped else (suffixes or [""])[-1]
-    if suffix not in (TEXT_FORMATS if zipped else FORMATS):
-        raise LogReadError(f"{path}: the suffix says no known log format; known are {known}")
-    try:
-        with path.open("rb") as file:
-            head = file.read(4096)
-    except OSError as error:
-        raise LogReadError(f"{path}: can not be read: {error.strerror}") from error
-    if not head:
-        raise LogReadError(f"{path}: is empty")
-    content = next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), "")
-    expected = ".gz" if zipped else suffix
-    if content != expected and (content or expected in (*_BINARY_FORMATS, ".gz")):
-        hint = f"; its content is {content}: rename it" if content else ""
-        raise LogReadError(f"{path}: is no {expected} file{hint}")
-    if not zipped and suffix in TEXT_FORMATS and b"\0" in head:
-        raise LogReadError(f"{path}: is no {suffix} file: it is not text")
-    return suffix
+        return McapFrames(path)
+    if suffix == ".blf":
+        return BlfFrames(path)
+    if suffix == ".log":
+        return TextFrames(path, Candump())
+    if suffix == ".asc":
+        return TextFrames(path, Asc(head))
+    if suffix == ".mf4":
+        return PythonCanFrames(path)
+    return PythonCanTextFrames(path, suffix)

@@ -1,0 +1,156 @@
+"""candump logs (``candump -L``, ``.log``): ``(1700000000.000000) can0 123#DEADBEEF R``."""
+
+from __future__ import annotations
+
+import io
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.compiled import compiled
+from dctorque_can.logs.lines import Lines, each_message
+from dctorque_can.logs.text_blocks import (
+    END_OF_BLOCK,
+    HEX,
+    IRREGULAR,
+    LONGEST_NAME,
+    NEW_CHANNEL,
+    find_channel,
+    parse_hex_bytes,
+    parse_time,
+)
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+
+_EXTENDED = int(EXTENDED_ID)
+_FD = int(FrameFlag.FD)
+_SWITCH = int(FrameFlag.BITRATE_SWITCH)
+_STATE = int(FrameFlag.ERROR_STATE)
+_TRANSMITTED = int(FrameFlag.TRANSMITTED)
+_SPACE, _HASH = 32, 35
+
+
+class Candump:
+    """The lines of a candump log. Each stands alone."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def parse(
+        self,
+        data: NDArray[np.uint8],
+        position: int,
+        row: int,
+        frames: Frames,
+        names: NDArray[np.uint8],
+        numbers: NDArray[np.uint8],
+    ) -> tuple[int, int, int]:
+        """See `LineFormat.parse`."""
+        return _parse(
+            data,
+            position,
+            row,
+            names,
+            numbers,
+            frames.t_us,
+            frames.can_id,
+            frames.length,
+            frames.flags,
+            frames.channel,
+            frames.data,
+        )
+
+    def channel(self, line: bytes) -> int | str:
+        """See `LineFormat.channel`."""
+        name = line.split()[1].decode("utf-8", "replace")
+        return int(name) if name.isdigit() else name
+
+    def channel_name(self, channel: int | str) -> bytes:
+        """See `LineFormat.channel_name`."""
+        return str(channel).encode()
+
+    def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
+        """See `LineFormat.messages`."""
+        bad: list[str] = []
+        lines = Lines(io.StringIO(text, newline=None))
+        messages = each_message(lines, can.CanutilsLogReader, "", lambda lines: bad.append(lines.last))
+        return list(messages), bad
+
+
+@compiled
+def _parse(
+    data: NDArray[np.uint8],
+    position: int,
+    row: int,
+    names: NDArray[np.uint8],
+    numbers: NDArray[np.uint8],
+    t_us: NDArray[np.int64],
+    can_id: NDArray[np.uint32],
+    length: NDArray[np.uint8],
+    flags: NDArray[np.uint8],
+    channel: NDArray[np.uint8],
+    payload: NDArray[np.uint8],
+) -> tuple[int, int, int]:
+    size = len(data)
+    while position < size:
+        line = position
+        end = line
+        while end < size and data[end] != 10:
+            end += 1
+        following = min(end + 1, size)
+        if end > line and data[end - 1] == 13:
+            end -= 1
+        if end == line:
+            position = following
+            continue
+        if data[line] != 40:
+            return line, row, IRREGULAR
+        time, at = parse_time(data, line + 1, end)
+        if at < 0 or at + 2 >= end or data[at] != 41 or data[at + 1] != _SPACE:
+            return line, row, IRREGULAR
+        name = at + 2
+        at = name
+        while at < end and 32 < data[at] < 127:
+            at += 1
+        if at == name or at - name > LONGEST_NAME or at >= end or data[at] != _SPACE:
+            return line, row, IRREGULAR
+        known = find_channel(data, name, at, names)
+
+        at += 1
+        number = 0
+        digits = 0
+        while at < end and HEX[data[at]] != 255 and digits < 9:
+            number = 16 * number + int(HEX[data[at]])
+            digits += 1
+            at += 1
+        if (digits != 3 and digits != 8) or number > 0x1FFFFFFF or at >= end or data[at] != _HASH:
+            return line, row, IRREGULAR
+        at += 1
+        flag = 0
+        most = 8
+        if at + 1 < end and data[at] == _HASH:
+            if not 48 <= data[at + 1] <= 57:
+                return line, row, IRREGULAR
+            bits = int(data[at + 1]) - 48
+            flag = _FD | (_SWITCH if bits & 1 else 0) | (_STATE if bits & 2 else 0)
+            at += 2
+            most = 64
+        if most > payload.shape[1]:
+            return line, row, IRREGULAR
+        count, at = parse_hex_bytes(data, at, end, 0, payload[row], most)
+        sound = at == end
+        if at + 2 == end and data[at] == _SPACE:
+            sound = data[at + 1] == 82 or data[at + 1] == 84
+            if data[at + 1] == 84:
+                flag |= _TRANSMITTED
+        if not sound or known < 0:
+            payload[row] = 0
+            return line, row, NEW_CHANNEL if sound else IRREGULAR
+        t_us[row] = time
+        can_id[row] = number | (_EXTENDED if digits == 8 else 0)
+        length[row] = count
+        flags[row] = flag
+        channel[row] = numbers[known]
+        row += 1
+        position = following
+    return position, row, END_OF_BLOCK

@@ -1,0 +1,271 @@
+"""Text logs read in blocks of whole lines: compiled parsers for regular lines, python-can for all others.
+
+A compiled parser knows one strict form of a line. Any other line goes to the reader of python-can, which is
+thereby the rule for what a line means, and the oracle of the tests.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.compiled import compiled
+from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.pipeline.frames import Frames
+
+BLOCK_SIZE = 4 << 20
+LONGEST_NAME = 16
+_MOST_LINES = 4096
+_GZIP = 31  # zlib's word for a gzip header
+
+# What a compiled parser stopped for.
+END_OF_BLOCK, IRREGULAR, NEW_CHANNEL = 0, 1, 2
+
+HEX = np.full(256, 255, np.uint8)
+HEX[np.frombuffer(b"0123456789", np.uint8)] = np.arange(10)
+HEX[np.frombuffer(b"abcdef", np.uint8)] = np.arange(10, 16)
+HEX[np.frombuffer(b"ABCDEF", np.uint8)] = np.arange(10, 16)
+_POWERS = 10.0 ** np.arange(23)  # exact
+
+
+class LineFormat(Protocol):
+    """One text format.
+
+    Attributes:
+        warnings: what a user should know of this file before he trusts it, one line each.
+    """
+
+    warnings: list[str]
+
+    def parse(
+        self,
+        data: NDArray[np.uint8],
+        position: int,
+        row: int,
+        frames: Frames,
+        names: NDArray[np.uint8],
+        numbers: NDArray[np.uint8],
+    ) -> tuple[int, int, int]:
+        """Parse regular lines from ``position`` into ``frames`` from ``row`` on.
+
+        Args:
+            data: the block.
+            position: where a line begins.
+            row: next free row.
+            frames: columns with enough rows.
+            names: uint8 ``[k, LONGEST_NAME]``, known channel names, padded with zeros.
+            numbers: uint8 ``[k]``, their indices.
+
+        Returns:
+            Position and row reached, and why it stopped (then the position is the beginning of that line).
+        """
+
+    def channel(self, line: bytes) -> int | str:
+        """Return the channel of a line whose channel is not among the names, as python-can gives it."""
+
+    def channel_name(self, channel: int | str) -> bytes:
+        """Return the name that ``parse`` compares with the line."""
+
+    def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
+        """Return the messages of python-can for some lines, and the lines that it can not read."""
+
+
+class TextFrames:
+    """The frames of a text log.
+
+    Attributes:
+        problems: what could not be read, one line each.
+        fraction: share of the file that has been read.
+    """
+
+    def __init__(self, path: Path, line_format: LineFormat) -> None:
+        self.path = path
+        self.documents: dict[str, bytes] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.fraction = 0.0
+        self._format = line_format
+        self._size = path.stat().st_size
+        self._channels = ChannelNumbers()
+        self._names = np.zeros((0, LONGEST_NAME), np.uint8)
+        self._numbers = np.zeros(0, np.uint8)
+        self._line = 1
+        self._bad_lines = 0
+        self._first_bad_line = ""
+        self._problems = list(line_format.warnings)
+
+    @property
+    def problems(self) -> list[str]:
+        """What could not be read, one line each; complete when the frames have been read."""
+        if not self._bad_lines:
+            return self._problems
+        return [
+            f"{self.path}: {self._bad_lines} lines can not be read, the first is {self._first_bad_line}",
+            *self._problems,
+        ]
+
+    def close(self) -> None:
+        """Nothing stays open."""
+
+    def frames(self) -> Iterator[Frames]:
+        """Yield the frames block by block."""
+        for block in self._blocks():
+            frames = self._parse(block)
+            if len(frames):
+                yield frames
+        self.fraction = 1.0
+
+    def _blocks(self) -> Iterator[bytes]:
+        """Yield blocks that end with a line end, but for the last one."""
+        rest = b""
+        for part in self._bytes():
+            cut = part.rfind(b"\n") + 1
+            if cut == 0:
+                rest += part
+                continue
+            yield rest + part[:cut]
+            rest = part[cut:]
+        if rest:
+            yield rest
+
+    def _bytes(self) -> Iterator[bytes]:
+        zipped = self.path.suffix.lower() == ".gz"
+        inflate = zlib.decompressobj(_GZIP)
+        with self.path.open("rb") as file:
+            while part := file.read(BLOCK_SIZE // (8 if zipped else 1)):
+                self.fraction = file.tell() / max(self._size, 1)
+                while zipped and part:
+                    try:
+                        yield inflate.decompress(part)
+                    except zlib.error as error:
+                        self._problems.append(f"{self.path}: compressed data are damaged: {error}")
+                        return
+                    part = inflate.unused_data
+                    if inflate.eof and part:
+                        inflate = zlib.decompressobj(_GZIP)
+                if not zipped:
+                    yield part
+        if zipped and not inflate.eof:
+            self._problems.append(f"{self.path}: the compressed file is cut off")
+
+    def _parse(self, block: bytes) -> Frames:
+        data = np.frombuffer(block, np.uint8)
+        lines = block.count(b"\n") + block.count(b"\r") + 1
+        frames = Frames.empty(lines, self._width(block))
+        position, row, region = 0, 0, 1
+        while position < len(data):
+            start = position
+            position, row, status = self._format.parse(data, position, row, frames, self._names, self._numbers)
+            if status == END_OF_BLOCK:
+                break
+            region = 1 if position > start else min(2 * region, _MOST_LINES)
+            end = _lines_end(data, position, 1 if status == NEW_CHANNEL else region)
+            if status == NEW_CHANNEL:
+                self._learn_channel(self._format.channel(block[position:end]))
+                continue
+            part = self._by_python_can(block[position:end], block, position)
+            if part.data.shape[1] > frames.data.shape[1]:
+                frames = Frames.concatenate([frames, Frames.empty(0, part.data.shape[1])])
+            stop = row + len(part)
+            for name in ("t_us", "can_id", "length", "flags", "channel"):
+                getattr(frames, name)[row:stop] = getattr(part, name)
+            frames.data[row:stop, : part.data.shape[1]] = part.data
+            position, row = end, stop
+        self._line += block.count(b"\n")
+        return frames[:row]
+
+    @staticmethod
+    def _width(block: bytes) -> int:
+        return 64 if b"##" in block or b"CANFD" in block else 8
+
+    def _learn_channel(self, channel: int | str) -> None:
+        number = self._channels[channel]
+        name = self._format.channel_name(channel).ljust(LONGEST_NAME, b"\0")
+        self._names = np.concatenate([self._names, np.frombuffer(name, np.uint8)[None, :]])
+        self._numbers = np.append(self._numbers, np.uint8(number))
+
+    def _by_python_can(self, lines: bytes, block: bytes, position: int) -> Frames:
+        messages, bad = self._format.messages(lines.decode("utf-8", "replace"))
+        if bad and not self._bad_lines:
+            before = lines.decode("utf-8", "replace").split(bad[0])[0].count("\n")
+            number = self._line + block.count(b"\n", 0, position) + before
+            self._first_bad_line = f"line {number}: {bad[0].strip()[:60]!r}"
+        self._bad_lines += len(bad)
+        return frames_from_messages(messages, self._channels)
+
+
+@compiled
+def _lines_end(data: NDArray[np.uint8], position: int, count: int) -> int:
+    """Return where ``count`` lines from ``position`` on end."""
+    while position < len(data):
+        if data[position] == 10:
+            count -= 1
+            if count == 0:
+                return position + 1
+        position += 1
+    return position
+
+
+@compiled
+def parse_time(data: NDArray[np.uint8], position: int, end: int) -> tuple[int, int]:
+    """Return µs of the decimal seconds at ``position``, and where they end; -1 unless in the plain form.
+
+    Digits, a point, digits, together less than 2^53, so that the division gives exactly the float of the text:
+    the same number that python-can gives, rounded to µs in the same way.
+    """
+    mantissa = 0
+    first = position
+    while position < end and 48 <= data[position] <= 57 and position - first < 17:
+        mantissa = mantissa * 10 + (int(data[position]) - 48)
+        position += 1
+    if position == first or position >= end or data[position] != 46:
+        return 0, -1
+    position += 1
+    point = position
+    while position < end and 48 <= data[position] <= 57 and position - first < 18:
+        mantissa = mantissa * 10 + (int(data[position]) - 48)
+        position += 1
+    if position == point or mantissa >= 9007199254740992:
+        return 0, -1
+    return int(np.rint(mantissa / _POWERS[position - point] * 1e6)), position
+
+
+@compiled
+def find_channel(data: NDArray[np.uint8], start: int, end: int, names: NDArray[np.uint8]) -> int:
+    """Return which of ``names`` stands at ``start`` to ``end``, or -1."""
+    size = end - start
+    for k in range(len(names)):
+        same = size <= names.shape[1] and (size == names.shape[1] or names[k, size] == 0)
+        i = 0
+        while same and i < size:
+            same = names[k, i] == data[start + i]
+            i += 1
+        if same:
+            return k
+    return -1
+
+
+@compiled
+def parse_hex_bytes(
+    data: NDArray[np.uint8], position: int, end: int, gap: int, out: NDArray[np.uint8], most: int
+) -> tuple[int, int]:
+    """Read pairs of hexadecimal digits, ``gap`` spaces between them; return how many and where they end."""
+    count = 0
+    while count < most and position + 1 < end:
+        high, low = HEX[data[position]], HEX[data[position + 1]]
+        if high == 255 or low == 255:
+            break
+        out[count] = 16 * high + low
+        count += 1
+        position += 2
+        if count < most and gap == 1:
+            if position < end and data[position] == 32:
+                position += 1
+            else:
+                break
+    return count, position
