@@ -1,9 +1,10 @@
 """Gearbox control: launch, preselection, power-on and power-off shifts, coasting to a stop.
 
-It decides once a millisecond and sees the true speeds: the control is scenery here, not the subject. A shift has a
-torque phase (the clutches overlap, the load changes hands) and an inertia phase (the engine follows a planned speed
-to the other shaft). Where the on-coming clutch can pull the engine to its own speed (power-on up, power-off down)
-the torque phase comes first; in the two other kinds the engine moves by itself and the torque phase comes last.
+It decides once a millisecond and sees the true speeds: the control is scenery here, not the subject. A shift
+has a torque phase (the clutches overlap, the load changes hands) and an inertia phase (the engine follows a
+planned speed to the other shaft). Where the on-coming clutch can pull the engine to its own speed (power-on up,
+power-off down) the torque phase comes first; in the two other kinds the engine moves by itself and the torque
+phase comes last.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ import numpy as np
 
 from dctorque_can.compiled import compiled
 from dctorque_can.simulation.engine import closed, driver_demand, full_load, with_idle_control
+from dctorque_can.simulation.mechanism import STUCK
 from dctorque_can.simulation.powertrain import Parameters
-from dctorque_can.simulation.stick_slip import STUCK
 
 
 class ControlState(IntEnum):
@@ -57,7 +58,7 @@ CONTROL = np.dtype(
         ("capacity", "f8", (2,)),  # N·m
         ("ready", "u1", (2,)),  # clutch waits near the kissing point
         ("gear_command", "i8", (2,)),
-        ("hold_brake", "bool"),
+        ("hold_n", "f8"),  # braking force of the hill holder
     ],
     align=True,
 )
@@ -70,6 +71,7 @@ _OPEN_SPEED = 1000 * np.pi / 30  # coasting below this input speed opens the clu
 _PRESELECT_DELAY = 0.3
 _SHIFT_PAUSE = 0.6
 _HOLD_SPEED = 0.15  # m/s
+_HOLD = 0.4  # braking force of the hill holder per weight
 
 
 @compiled
@@ -107,8 +109,9 @@ def _approach(value: float, target: float, step: float) -> float:
 
 @compiled
 def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float) -> None:
-    c.capacity[0] = 0.0
-    c.capacity[1] = 0.0
+    for i in range(2):  # gently at the end: the driveline is wound up
+        fast = c.capacity[i] > 40.0 or brake > 0.0
+        c.capacity[i] = _approach(c.capacity[i], 0.0, (600.0 if fast else 100.0) * STEP)
     while c.gear > 1 and v < _up_shift_speed(p, c.gear - 1, 0.0) - p.shift_hysteresis:
         c.gear -= 1
     shaft = p.gear_shaft[c.gear]
@@ -177,9 +180,10 @@ def _fill(p: Parameters, c: Any, T_e: float, pedal: float, carried: float, slips
         distance = abs(slips[new])
         J = p.J_e + p.J_d
         if c.torque_first:
-            c.duration = min(0.5, max(0.25, distance / 450.0))
-        else:  # the planned speed starts to move at once, its greatest rate is 1.5 times the mean
-            c.duration = min(0.6, max(0.25, 1.5 * J * distance / (0.6 * abs(T_e) + 20.0)))
+            # Without power the engine must lift itself: its torque cannot fall fast, so the rise is gentle.
+            c.duration = min(0.55, max(0.3, distance / 340.0)) if c.sign > 0.0 else 0.55
+        else:  # the planned speed starts to move at once, its greatest rate is 16/9 of the mean
+            c.duration = min(0.6, max(0.3, 16 / 9 * J * distance / (0.6 * abs(T_e) + 20.0)))
         _enter(c, TORQUE if c.torque_first else INERTIA)
 
 
@@ -212,18 +216,18 @@ def _synchronise(
     up = c.target > c.gear
     end = w_new - 0.5 * c.sign if c.torque_first else w_new + 2.0 * c.sign
     x = min(1.0, c.since / c.duration)
-    part = x * x * (3.0 - 2.0 * x)
+    part = x * x * (6.0 - 8.0 * x + 3.0 * x * x)  # quick to start, slow to meet
     rate_old = p.ratio[c.gear] * p.final_drive[c.gear] * c.dw_w
     rate_new = p.ratio[c.target] * p.final_drive[c.target] * c.dw_w
     c.w_ref = w_old + (end - w_old) * part
-    dw_ref = rate_old + (rate_new - rate_old) * part + (end - w_old) * 6.0 * x * (1.0 - x) / c.duration
+    dw_ref = rate_old + (rate_new - rate_old) * part + (end - w_old) * 12.0 * x * (1.0 - x) ** 2 / c.duration
     want = c.sign * (T_e - J * dw_ref + _TRACKING * (c.last_w_e - c.w_ref))
     active = new if c.torque_first else old
     late = max(0.0, c.since - c.duration)
     c.capacity[active] = _approach(c.capacity[active], max(3.0, want) + 150.0 * late, 4000.0 * STEP)
     if c.torque_first:
         c.capacity[old] = _approach(c.capacity[old], 0.0, 3000.0 * STEP)
-        clutch = T_driver + (0.45 * J * abs(dw_ref) if up else 0.0)
+        clutch = T_driver + (0.75 * J * abs(dw_ref) if up else 0.0)
     else:
         clutch = 0.4 * T_driver
     if c.torque_first:
@@ -231,7 +235,7 @@ def _synchronise(
             c.gear = c.target
             c.shifted = 0.0
             _enter(c, DRIVE)
-    elif abs(c.last_w_e - end) < 2.0 and x > 0.7 or late > 0.5:
+    elif (abs(c.last_w_e - end) < 2.0 and x > 0.7) or late > 0.5:
         _enter(c, TORQUE)
     return float(clutch + J * dw_ref)
 
@@ -248,7 +252,8 @@ def _preselect(p: Parameters, c: Any, pedal: float) -> None:
         c.preselect = wish
         c.preselect_wait = 0.0
     c.preselect_wait += STEP
-    if c.preselect_wait > _PRESELECT_DELAY and c.shifted > _PRESELECT_DELAY:
+    delay = _PRESELECT_DELAY if wish > c.gear else 2.0 * _PRESELECT_DELAY
+    if c.preselect_wait > delay and c.shifted > _PRESELECT_DELAY:
         c.gear_command[p.gear_shaft[wish]] = wish
 
 
@@ -300,6 +305,8 @@ def decide(
         new = p.gear_shaft[c.target]
         shifting = True
         wish = _synchronise(p, c, T_e, T_driver, w_c, speed[2 + new], mode[new] == STUCK)
+    if c.state >= FILL and w_c < 0.8 * p.idle and pedal == 0.0:  # braked to a stop during a shift
+        _enter(c, OPEN)
     if c.state == DRIVE or c.state == LAUNCH:
         _preselect(p, c, pedal)
 
@@ -311,12 +318,13 @@ def decide(
     c.engine_command = with_idle_control(p, command, w_e, c.dw_e)
 
     # The hill holder keeps the brake on until the clutch can carry the car.
+    hold = 0.0
     if c.state == OPEN and abs(v) < _HOLD_SPEED and pedal == 0.0:
-        c.hold_brake = True
-    elif c.state == LAUNCH:
+        hold = _HOLD * p.weight
+    elif c.state == LAUNCH and c.since < 1.5:
         pull = c.capacity[shaft] * p.ratio[c.gear] * p.final_drive[c.gear] / p.r_w
-        losses = p.gear_efficiency * p.final_drive_efficiency
-        if pull * losses > 0.12 * p.weight or c.since > 1.5:
-            c.hold_brake = False
-    elif c.state != OPEN:
-        c.hold_brake = False
+        if pull * p.gear_efficiency * p.final_drive_efficiency < 0.12 * p.weight:
+            hold = min(c.hold_n, _HOLD * p.weight)
+    elif c.state == OPEN:
+        hold = c.hold_n
+    c.hold_n = _approach(c.hold_n, hold, (0.6 if hold > c.hold_n else 3.0) * p.weight * STEP)

@@ -69,7 +69,7 @@ def mixed_drive(vehicle: Vehicle, seed: int, duration_s: float = 360.0) -> Drive
     knots: list[tuple[float, float]] = [(0.0, 0.0), (2.0, 0.0)]
     t, v = 2.0, 0.0
     goals = [top]  # every drive reaches the top gear once
-    while t < duration_s - 60.0:
+    while t < duration_s - 50.0:
         goal = goals.pop() if goals else float(random.uniform(4.0, 0.6 * top))
         rate = float(random.uniform(0.7, 1.8)) if goal > v else float(random.uniform(0.5, 1.8))
         t += max(1.0, abs(goal - v) / rate * (1.0 + 0.02 * goal))
@@ -77,7 +77,7 @@ def mixed_drive(vehicle: Vehicle, seed: int, duration_s: float = 360.0) -> Drive
         knots.append((t, v))
         t += float(random.uniform(3.0, 15.0))
         knots.append((t, v))
-        if random.random() < 0.4 and t < duration_s - 75.0:
+        if random.random() < 0.4 and t < duration_s - 65.0:
             t += v / float(random.uniform(0.9, 2.0))
             v = 0.0
             knots.append((t, 0.0))

@@ -15,7 +15,7 @@ def full_load(p: Parameters, w_e: float) -> float:
     x = w_e / p.power_speed
     torque = p.power_torque * (p.full_load[0] + p.full_load[1] * x - p.full_load[2] * x * x)
     limiter = (p.speed_limit - w_e) / _LIMITER_BAND
-    return max(closed(p, w_e), torque * min(1.0, max(0.0, limiter)))
+    return float(max(closed(p, w_e), torque * min(1.0, max(0.0, limiter))))
 
 
 @compiled
@@ -29,7 +29,7 @@ def driver_demand(p: Parameters, pedal: float, w_e: float) -> float:
     """Return the torque that the pedal asks for, N·m."""
     low = closed(p, w_e)
     share = 1.0 - (1.0 - min(1.0, max(0.0, pedal))) ** p.pedal_exponent
-    return low + share * (full_load(p, w_e) - low)
+    return float(low + share * (full_load(p, w_e) - low))
 
 
 @compiled

@@ -1,13 +1,14 @@
 """The compliant driveline of section 2.2 as a mechanism of masses, springs and dry friction.
 
-Speeds: engine, damper secondary side, input shafts 1 and 2, output shaft, driven wheels, body (undriven wheels roll
-with it). Contacts: both clutches, the cones of both synchronisers, and brake plus rolling resistance on the body.
-Brakes act on the body as if all were on the undriven wheels. Gear losses depend on the direction of the torque.
+Speeds: engine, damper secondary side, input shafts 1 and 2, output shaft, driven wheels, body (undriven wheels
+roll with it). Contacts: both clutches, the cones of both synchronisers, and brake plus rolling resistance on the
+body. Brakes act on the body as if all were on the undriven wheels. Gear losses depend on the direction of the
+torque.
 
-A synchroniser is a cone clutch between an input shaft and the output shaft (times the gear's total ratio); the gear
-is engaged only once the cone sticks, so momentum is conserved and nothing is ever set to a speed. The transfer
-shaft's spring starts untwisted then. The output shaft's own inertia is kept however small: the integrator is
-L-stable, so neither a step limit nor a massless limit is needed.
+A synchroniser is a cone clutch between an input shaft and the output shaft (times the gear's total ratio); the
+gear is engaged only once the cone sticks, so momentum is conserved and nothing is ever set to a speed. The
+transfer shaft's spring starts untwisted then. The output shaft's own inertia is kept however small: the
+integrator is L-stable, so neither a step limit nor a massless limit is needed.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ import numpy as np
 from dctorque_can.compiled import compiled
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.simulation.control import CONTROL, decide
-from dctorque_can.simulation.powertrain import Parameters
-from dctorque_can.simulation.stick_slip import (
+from dctorque_can.simulation.driver import follow
+from dctorque_can.simulation.mechanism import (
     FREE,
     STUCK,
     Floats,
@@ -28,11 +29,12 @@ from dctorque_can.simulation.stick_slip import (
     Mechanism,
     Motion,
     Scratch,
-    advance,
     new_loads,
     new_motion,
     new_scratch,
 )
+from dctorque_can.simulation.powertrain import Parameters
+from dctorque_can.simulation.stick_slip import advance
 
 ENGINE, DAMPER, SHAFT1, SHAFT2, OUTPUT, WHEEL, BODY = range(7)
 TWIST_DAMPER, TWIST_TRANSFER1, TWIST_TRANSFER2, TWIST_OUTPUT, TYRE, DRAG1, DRAG2, AIR = range(8)
@@ -44,7 +46,6 @@ STEP = 1e-4
 PERIOD = SUBSTEPS * STEP
 
 _OPEN_PHASE, _SLIPPING_PHASE, _LOCKED_PHASE = (int(phase) for phase in ClutchPhase)
-_HILL_HOLD = 0.4  # braking force of the hill holder per weight
 
 ACTUATION = np.dtype(
     [
@@ -92,7 +93,7 @@ def new_mechanism(p: Parameters) -> Mechanism:
 def capacity(p: Parameters, clutch: int, position: float) -> float:
     """Return the kinetic torque capacity of a clutch at an actuator position in mm, N·m."""
     travel = min(1.0, max(0.0, (position - p.kiss) / (p.full - p.kiss)))
-    return float(p.capacity_full[clutch]) * travel**p.force_exponent
+    return float(p.capacity_full[clutch] * travel**p.force_exponent)
 
 
 @compiled
@@ -305,7 +306,8 @@ def run(
     """Simulate ``len(rows)`` milliseconds; see `dctorque_can.simulation.drive.simulate`."""
     a = actuation[0]
     c = control[0]
-    steering = 0.0
+    memory = 0.0
+    last = (0.0, 0.0)
     for shaft in range(2):
         _engage(p, mechanism, motion, a, shaft, a.engaged[shaft])
     for k in range(rows.size):
@@ -313,39 +315,18 @@ def run(
         pedal, brake = pedals[k], brakes[k]
         if wanted_speed[k] >= 0.0:
             ahead = min(rows.size - 1, k + 500)
-            pedal, brake, steering = follow(p, wanted_speed[k], wanted_speed[ahead], motion.speed[BODY], steering)
+            aim, later = wanted_speed[k], wanted_speed[ahead]
+            pedal, brake, memory = follow(p, aim, later, motion.speed[BODY], memory, last[0], last[1], PERIOD)
+            last = (pedal, brake)
         row.t_us = 1000 * k
         row.pedal = pedal
         row.grade_rad = grades[k]
-        row.brake_n = max(brake, _HILL_HOLD * p.weight if c.hold_brake else 0.0)
+        row.brake_n = max(brake, c.hold_n)
         record(p, mechanism, motion, a, c, row)
         decide(p, c, pedal, brake, motion.speed, a.T_e, motion.mode, a.engaged)
         change_gears(p, mechanism, motion, a, c.gear_command)
-        held = max(brake, _HILL_HOLD * p.weight if c.hold_brake else 0.0)
+        held = max(brake, c.hold_n)
         move(p, mechanism, motion, loads, scratch, a, c, held, grades[k])
-
-
-@compiled
-def follow(p: Parameters, aim: float, later: float, v: float, integral: float) -> tuple[float, float, float]:
-    """Drive like a person who follows a speed: return pedal, braking force and the driver's memory.
-
-    Args:
-        p: parameters.
-        aim: speed wanted now, m/s.
-        later: speed wanted in half a second, m/s.
-        v: speed, m/s.
-        integral: memory of the last millisecond, m/s².
-    """
-    error = later - v
-    integral = min(1.5, max(-0.5, integral + 0.15 * error * PERIOD))
-    if aim < 0.05 and later < 0.05:
-        return 0.0, 0.15 * p.weight, 0.0
-    acceleration = 0.6 * error + integral + 2.0 * (later - aim)
-    if acceleration > 0.05:
-        return min(0.9, 0.06 + 0.22 * acceleration), 0.0, integral
-    if acceleration < -0.6:
-        return 0.0, min(0.6 * p.weight, p.mass * (-0.6 - acceleration)), integral
-    return 0.0, 0.0, integral
 
 
 def new_state(
@@ -366,7 +347,7 @@ def new_state(
     control["preselect"] = 2
     control["gear_command"] = actuation["engaged"]
     control["last_w_e"] = p.idle
-    control["hold_brake"] = True
+    control["hold_n"] = 0.4 * p.weight
     control["shifted"] = 10.0
     loads = new_loads(N_SPEEDS, N_CONTACTS)
     return mechanism, motion, loads, new_scratch(N_SPEEDS, N_SPRINGS, N_CONTACTS), actuation, control

@@ -1,4 +1,4 @@
-"""What the simulated car has beyond the `Vehicle` that estimators know: engine, actuators, synchronisers, tyres."""
+"""What the simulated car has beyond its `Vehicle`: engine, actuators, synchronisers, tyres."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ MPH = 0.44704
 class Powertrain:
     """Parts of a simulated car that no estimator is told about.
 
-    The engine's full-load torque is P/ω_P (a + b x − c x²) with x = ω/ω_P, the usual polynomial of a spark ignition
-    engine. Shift speeds are those of the published example model Simscape-Dual-Clutch; its file states no unit, and
-    miles per hour are the ones that put the shifts at sensible engine speeds (3300 rpm at half pedal).
+    The engine's full-load torque is P/ω_P (a + b x − c x²) with x = ω/ω_P, the usual polynomial of a spark
+    ignition engine. Shift speeds are those of the published example model Simscape-Dual-Clutch; its file states
+    no unit, and miles per hour put the shifts at sensible engine speeds (1-2 at 3300 rpm with half pedal).
     """
 
     max_power_w: float
@@ -63,7 +63,7 @@ DEMO_POWERTRAIN = Powertrain(
     speed_limit_rad_s=6000 * RPM,
     drag_nm=12.0,
     drag_nms=0.05,
-    pedal_exponent=1.6,
+    pedal_exponent=2.0,
     torque_lag_s=0.2,
     kissing_point_mm=3.0,
     full_position_mm=10.0,

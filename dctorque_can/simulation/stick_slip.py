@@ -1,13 +1,8 @@
-"""Exact stick-slip: masses joined by springs and dry friction contacts, every lock and release located in time.
+"""Stick-slip by events: the exact instants of every lock and release of dry friction contacts.
 
-A mechanism has ``n`` speeds w, ``s`` springs and ``m`` friction contacts:
-
-    M dw/dt = f(t) − B_fᵀ τ − Dᵀ c,   τ = k δ + b B_v w,   dδ/dt = B_v w − l δ
-
-δ is the twist of a spring, l its leakage (a tyre forgets its deflection as it rolls); B_v and B_f differ where a
-lossy gear sits at the spring. Contact i rubs at slip (D w)_i. While it slips its torque is the kinetic capacity
-along the slip; while it sticks its torque is whatever keeps (D w)_i = 0, up to the static capacity. There is no
-smoothed sign function: within one mode the motion is linear, and a step ends where the mode changes.
+While a contact of a `Mechanism` slips its torque is the kinetic capacity along the slip; while it sticks its
+torque is whatever keeps the slip at zero, up to the static capacity. There is no smoothed sign function: within
+one mode the motion is linear, and a step ends where the mode changes.
 
 Integrator: the two-stage, second order, L-stable, stiffly accurate SDIRK method of Alexander (1977). Very stiff
 parts (an output shaft of 0.0002 kg·m² behind 50 N·m·s) settle in one step instead of ringing, and sticking holds
@@ -16,120 +11,25 @@ exactly at the end of every step.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
-
-Floats = NDArray[np.float64]
-
-FORWARD, STUCK, BACKWARD, FREE = 1, 0, -1, 2  # modes of a contact; FREE: no capacity
+from dctorque_can.simulation.mechanism import (
+    BACKWARD,
+    FORWARD,
+    FREE,
+    STUCK,
+    Floats,
+    Loads,
+    Mechanism,
+    Motion,
+    Scratch,
+)
 
 GAMMA = 1.0 - 0.5**0.5
 _MAX_EVENTS = 40  # in one step; after that what has come to rest stays so until the step ends
 _ROOT_ITERATIONS = 60
-
-
-class Mechanism(NamedTuple):
-    """What does not change within a step.
-
-    Attributes:
-        mass: ``[n]`` inertia of each speed.
-        spring_speed: B_v ``[s, n]``, rate of twist from speeds.
-        spring_torque: B_f ``[s, n]``, how the spring's torque loads each speed; B_v if nothing is lost.
-        stiffness: k ``[s]``.
-        damping: b ``[s]``.
-        leak: l ``[s]`` in 1/s.
-        contact: D ``[m, n]``.
-    """
-
-    mass: Floats
-    spring_speed: Floats
-    spring_torque: Floats
-    stiffness: Floats
-    damping: Floats
-    leak: Floats
-    contact: Floats
-
-
-class Motion(NamedTuple):
-    """State of a mechanism and its ledger; `advance` renews it in place.
-
-    Attributes:
-        speed: w ``[n]``.
-        twist: δ ``[s]``.
-        mode: int64 ``[m]``: FORWARD, STUCK, BACKWARD, FREE.
-        torque: ``[m]``, what each contact carries now, along its slip.
-        work: ``[n]``, work done by f, J.
-        spring_heat: ``[s]``, by damping and leakage, J.
-        gear_heat: ``[s]``, by B_f ≠ B_v, J.
-        contact_heat: ``[m]``, J.
-        events: int64 ``[2]``, number of locks and of releases so far.
-    """
-
-    speed: Floats
-    twist: Floats
-    mode: NDArray[np.int64]
-    torque: Floats
-    work: Floats
-    spring_heat: Floats
-    gear_heat: Floats
-    contact_heat: Floats
-    events: NDArray[np.int64]
-
-
-class Loads(NamedTuple):
-    """What acts during a step: row 0 at its start, row 1 at its end, linear between.
-
-    Attributes:
-        force: f ``[2, n]``.
-        kinetic: ``[2, m]``, kinetic capacity, at least 0.
-        static: ``[2, m]``, static capacity, at least the kinetic one.
-    """
-
-    force: Floats
-    kinetic: Floats
-    static: Floats
-
-
-class Scratch(NamedTuple):
-    """Room for one trial step, reused."""
-
-    matrix: Floats  # [n + m, n + m], factorised
-    unknowns: Floats  # [2, n + m], speeds and contact torques of both stages
-    base_speed: Floats  # [n]
-    base_twist: Floats  # [s]
-    twist: Floats  # [2, s]
-    torque: Floats  # [2, m]
-
-
-def new_motion(n: int, s: int, m: int) -> Motion:
-    """Return a motion at rest, all contacts stuck."""
-    modes = np.zeros(m, np.int64)
-    events = np.zeros(2, np.int64)
-    return Motion(
-        np.zeros(n), np.zeros(s), modes, np.zeros(m), np.zeros(n), np.zeros(s), np.zeros(s), np.zeros(m), events
-    )
-
-
-def new_loads(n: int, m: int) -> Loads:
-    """Return loads of zero."""
-    return Loads(np.zeros((2, n)), np.zeros((2, m)), np.zeros((2, m)))
-
-
-def new_scratch(n: int, s: int, m: int) -> Scratch:
-    """Return working memory for a mechanism of this size."""
-    total = n + m
-    return Scratch(
-        np.zeros((total, total)),
-        np.zeros((2, total)),
-        np.zeros(n),
-        np.zeros(s),
-        np.zeros((2, s)),
-        np.zeros((2, m)),
-    )
 
 
 @compiled
@@ -234,7 +134,7 @@ def _stage(
 def _attempt(
     mechanism: Mechanism, motion: Motion, loads: Loads, start: float, h: float, whole: float, scratch: Scratch
 ) -> None:
-    """Try a step of ``h`` in the present modes from ``start`` within the whole step; the result is in ``scratch``."""
+    """Try a step of ``h`` from ``start`` within the whole step, in the present modes, into ``scratch``."""
     n, s = mechanism.mass.size, mechanism.stiffness.size
     size = _factorise(mechanism, motion.mode, h, scratch)
     for i in range(n):
@@ -265,8 +165,8 @@ def _margin_after(
     """Return how far contact ``c`` is from a change of mode after the trial step; negative: beyond it."""
     if motion.mode[c] == STUCK:
         static = loads.static[0, c] + fraction * (loads.static[1, c] - loads.static[0, c])
-        return static - abs(scratch.torque[1, c])
-    return motion.mode[c] * _slip(mechanism, scratch.unknowns[1], c)
+        return float(static - abs(scratch.torque[1, c]))
+    return float(motion.mode[c] * _slip(mechanism, scratch.unknowns[1], c))
 
 
 @compiled
@@ -274,8 +174,8 @@ def _margin_now(mechanism: Mechanism, motion: Motion, loads: Loads, fraction: fl
     """Return the same before the step, never negative."""
     if motion.mode[c] == STUCK:
         static = loads.static[0, c] + fraction * (loads.static[1, c] - loads.static[0, c])
-        return max(0.0, static - abs(motion.torque[c]))
-    return max(0.0, motion.mode[c] * _slip(mechanism, motion.speed, c))
+        return float(max(0.0, static - abs(motion.torque[c])))
+    return float(max(0.0, motion.mode[c] * _slip(mechanism, motion.speed, c)))
 
 
 @compiled
@@ -389,7 +289,7 @@ def _locate(
     c: int,
     scratch: Scratch,
 ) -> float:
-    """Return the length of step, below ``h``, at which contact ``c`` meets its change of mode (Illinois method)."""
+    """Return the length of step, below ``h``, at which contact ``c`` changes its mode (Illinois method)."""
     low, high = 0.0, h
     g_low = _margin_now(mechanism, motion, loads, start / whole, c)
     g_high = _margin_after(mechanism, motion, loads, (start + h) / whole, c, scratch)

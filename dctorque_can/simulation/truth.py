@@ -74,15 +74,3 @@ def energy_residual_j(truth: NDArray[np.void]) -> NDArray[np.float64]:
     heat = sum(truth[name] for name in _HEAT)
     balance = truth["engine_work_j"] - truth["grade_work_j"] - stored - heat
     return np.asarray(balance - balance[0], np.float64)
-
-
-def repeated(truth: NDArray[np.void], times: int) -> NDArray[np.void]:
-    """Return ``times`` runs of the same drive one after another, with continuous time.
-
-    Speeds are continuous at the joints only where the drive ends as it began, as `mixed_drive` does.
-    The energy ledger starts anew with each run.
-    """
-    rows = np.tile(truth, times)
-    length_us = int(truth["t_us"][-1] - truth["t_us"][0]) + TRUTH_PERIOD_US
-    rows["t_us"] += np.repeat(np.arange(times, dtype=np.int64) * length_us, len(truth))
-    return rows

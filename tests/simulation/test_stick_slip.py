@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dctorque_can.simulation.stick_slip import (
+from dctorque_can.simulation.mechanism import (
     BACKWARD,
     FORWARD,
     FREE,
@@ -17,11 +17,11 @@ from dctorque_can.simulation.stick_slip import (
     Mechanism,
     Motion,
     Scratch,
-    advance,
     new_loads,
     new_motion,
     new_scratch,
 )
+from dctorque_can.simulation.stick_slip import advance
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 Floats = NDArray[np.float64]

@@ -1,0 +1,282 @@
+"""Sensors and bus: from the truth of a drive to the CAN frames of the demo car (dbc/demo_car.dbc).
+
+Every message samples at its own instants, between the rows of the truth; what a sample's frame shows has the noise
+of its sensors, the resolution of the DBC, and arrives later by the message's delay and jitter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import pi
+from typing import Literal
+
+import numpy as np
+from cantools.database.can import Database
+from numpy.typing import NDArray
+
+from dctorque_can.bus.encoder import MessageEncoder
+from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
+from dctorque_can.pipeline.samples import Protection
+from dctorque_can.simulation.truth import TRUTH_PERIOD_US
+
+Floats = NDArray[np.float64]
+
+_RPM_PER_RAD_S = 30.0 / pi
+_KMH_PER_M_S = 3.6
+_GEAR_REVERSE = 13  # raw values of demo_car.dbc
+_GEAR_CHANGING = 14
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """When one message samples and how much later its frame is received.
+
+    Attributes:
+        period_us: between two samples.
+        offset_us: of the first sample.
+        delay_us: from sample to frame: filters, computing and waiting for the bus.
+        jitter_us: greatest further delay, evenly distributed; less than the period.
+    """
+
+    period_us: int
+    offset_us: int = 0
+    delay_us: int = 0
+    jitter_us: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviations of white noise on every sample, before the resolution of the DBC."""
+
+    engine_speed_rad_s: float
+    shaft_speed_rad_s: float
+    wheel_speed_rad_s: float
+    engine_torque_nm: float = 0.0
+    clutch_position_mm: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SensorProfile:
+    """How a car measures and sends.
+
+    Attributes:
+        name: one word.
+        timing: by message name.
+        noise: of the sensors.
+        torque_gain: nominal torque on the bus = gain · true torque + offset, ``torque_delay_us`` late.
+        torque_offset_nm: see there.
+        torque_delay_us: see there; on top of the message's own delay.
+        driven_axle: whose wheels the transmission turns.
+        seed: of noise and jitter.
+    """
+
+    name: str
+    timing: Mapping[str, Timing]
+    noise: Noise
+    torque_gain: float = 1.0
+    torque_offset_nm: float = 0.0
+    torque_delay_us: int = 0
+    driven_axle: Literal["front", "rear", "all"] = "front"
+    seed: int = 0
+
+
+LABORATORY = SensorProfile(
+    name="laboratory",
+    timing={
+        name: Timing(1000)
+        for name in ("EngineData", "InputShafts", "Gearbox", "WheelSpeedsFront", "WheelSpeedsRear")
+    },
+    noise=Noise(engine_speed_rad_s=0.3, shaft_speed_rad_s=0.3, wheel_speed_rad_s=0.02),
+)
+"""Every signal each millisecond, without delay, with the noise of the paper's simulation study."""
+
+PRODUCTION = SensorProfile(
+    name="production",
+    timing={
+        "EngineData": Timing(10_000, 0, 1_500, 400),
+        "InputShafts": Timing(10_000, 2_300, 1_000, 400),
+        "Gearbox": Timing(10_000, 4_700, 1_000, 400),
+        "WheelSpeedsFront": Timing(20_000, 6_100, 2_000, 400),
+        "WheelSpeedsRear": Timing(20_000, 6_500, 2_000, 400),
+    },
+    noise=Noise(
+        engine_speed_rad_s=0.1,
+        shaft_speed_rad_s=0.1,
+        wheel_speed_rad_s=0.02,
+        engine_torque_nm=0.5,
+        clutch_position_mm=0.01,
+    ),
+)
+"""A production bus: 10 and 20 ms, messages staggered, a little late and a little unsteady, modest noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Sampled:
+    """Truth at the sample instants of one message."""
+
+    truth: NDArray[np.void]
+    at_us: NDArray[np.int64]  # on the time of the truth
+    profile: SensorProfile
+    wheel_radius_m: float
+    random: np.random.Generator
+
+    def value(self, name: str, sigma: float = 0.0, late_us: int = 0) -> Floats:
+        clean = np.interp(self.at_us - late_us, self.truth["t_us"], self.truth[name])
+        noise = sigma * self.random.standard_normal(len(clean)) if sigma else 0.0
+        return np.asarray(clean + noise, np.float64)
+
+    def state(self, name: str) -> NDArray[np.int64]:
+        rows = np.searchsorted(self.truth["t_us"], self.at_us, side="right") - 1
+        return np.asarray(self.truth[name][rows], np.int64)
+
+
+def _engine(s: _Sampled) -> dict[str, Floats]:
+    profile = s.profile
+    torque = s.value("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
+    torque = profile.torque_gain * torque + profile.torque_offset_nm
+    speed = s.value("engine_speed_rad_s", profile.noise.engine_speed_rad_s)
+    noise = profile.noise.engine_torque_nm * s.random.standard_normal(len(torque))
+    return {
+        "EngineSpeed": speed * _RPM_PER_RAD_S,
+        "EngineTorque": torque + noise,
+        "AcceleratorPedal": 100.0 * s.value("pedal"),
+        "BrakeActive": (s.value("brake_n") > 0.0).astype(float),
+    }
+
+
+def _shafts(s: _Sampled) -> dict[str, Floats]:
+    sigma = s.profile.noise.shaft_speed_rad_s
+    return {f"InputShaft{i}Speed": s.value(f"shaft{i}_speed_rad_s", sigma) * _RPM_PER_RAD_S for i in (1, 2)}
+
+
+def _gearbox(s: _Sampled) -> dict[str, Floats]:
+    columns: dict[str, Floats] = {}
+    for i in (1, 2):
+        gear = s.state(f"gear{i}")
+        raw = np.where(gear < 0, _GEAR_REVERSE, gear)
+        columns[f"GearShaft{i}"] = np.where(s.state(f"changing{i}") == 1, _GEAR_CHANGING, raw).astype(float)
+        columns[f"Clutch{i}Position"] = s.value(f"clutch{i}_position_mm", s.profile.noise.clutch_position_mm)
+    return columns
+
+
+def _axle(front: bool) -> Callable[[_Sampled], dict[str, Floats]]:
+    def columns(s: _Sampled) -> dict[str, Floats]:
+        driven = s.profile.driven_axle in ("all", "front" if front else "rear")
+        name = "wheel_speed_rad_s" if driven else "undriven_wheel_speed_rad_s"
+        scale = s.wheel_radius_m * _KMH_PER_M_S
+        sigma = s.profile.noise.wheel_speed_rad_s
+        return {
+            f"WheelSpeed{wheel}": s.value(name, sigma) * scale
+            for wheel in (("FL", "FR") if front else ("RL", "RR"))
+        }
+
+    return columns
+
+
+_COLUMNS: dict[str, Callable[[_Sampled], dict[str, Floats]]] = {
+    "EngineData": _engine,
+    "InputShafts": _shafts,
+    "Gearbox": _gearbox,
+    "WheelSpeedsFront": _axle(front=True),
+    "WheelSpeedsRear": _axle(front=False),
+}
+
+
+@dataclass(slots=True)
+class FrameEmitter:
+    """The electronic control units of one car: they count and sign from one drive to the next.
+
+    Args:
+        vehicle: for the wheel radius.
+        profile: how the car measures and sends.
+        database: with the messages of demo_car.dbc.
+
+    Raises:
+        DctorqueError: the database lacks a message, or the profile names one that no sensor fills.
+    """
+
+    vehicle: Vehicle
+    profile: SensorProfile
+    database: Database
+    _encoders: dict[str, MessageEncoder] = field(init=False)
+    _random: dict[str, np.random.Generator] = field(init=False)
+
+    def __post_init__(self) -> None:
+        known = {message.name for message in self.database.messages}
+        for name, timing in self.profile.timing.items():
+            if name not in _COLUMNS:
+                raise DctorqueError(f"no sensors for message {name}; there are {', '.join(_COLUMNS)}")
+            if name not in known:
+                raise DctorqueError(f"the DBC has no message {name}; the simulated car sends demo_car.dbc")
+            if not 0 <= timing.jitter_us < timing.period_us:
+                raise DctorqueError(
+                    f"message {name}: jitter {timing.jitter_us} µs must be within 0 and its period"
+                )
+        self._encoders, self._random = {}, {}
+        for name in self.profile.timing:
+            message = self.database.get_message_by_name(name)
+            protection = Protection(
+                message=name,
+                counter_signal=f"{name}Counter",
+                counter_modulus=15,
+                crc="e2e_p01",
+                crc_signal=f"{name}Crc",
+                data_id=message.frame_id,
+            )
+            self._encoders[name] = MessageEncoder(message, protection)
+            self._random[name] = np.random.default_rng([self.profile.seed, message.frame_id])
+
+    def emit(self, truth: NDArray[np.void], start_us: int = 0) -> Frames:
+        """Return the frames sampled from the first row up to, not including, the last, sorted by arrival.
+
+        A drive that is emitted again with ``start_us`` later by its length continues counters and noise; so an
+        hour of traffic needs no hour of truth.
+
+        Args:
+            truth: `TRUTH` ``[n]``.
+            start_us: time of the first row on the bus.
+        """
+        parts = [self._message(name, truth, start_us) for name in self.profile.timing]
+        return Frames.concatenate(parts).sorted_by_time()
+
+    def _message(self, name: str, truth: NDArray[np.void], start_us: int) -> Frames:
+        timing, random = self.profile.timing[name], self._random[name]
+        first, last = int(truth["t_us"][0]), int(truth["t_us"][-1])
+        at_us = np.arange(first + timing.offset_us, last, timing.period_us, dtype=np.int64)
+        sampled = _Sampled(truth, at_us, self.profile, self.vehicle.chassis.wheel_radius_m, random)
+        payload = self._encoders[name].encode(_COLUMNS[name](sampled))
+        message = self.database.get_message_by_name(name)
+        frames = Frames.empty(len(at_us))
+        late = timing.delay_us + random.integers(0, timing.jitter_us, len(at_us), endpoint=True)
+        frames.t_us[:] = at_us - first + start_us + late
+        frames.can_id[:] = message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0)
+        frames.length[:] = message.length
+        frames.data[:, : message.length] = payload
+        return frames
+
+
+def emit_frames(
+    truth: NDArray[np.void],
+    vehicle: Vehicle,
+    profile: SensorProfile,
+    database: Database,
+    start_us: int = 0,
+) -> Frames:
+    """Return the CAN frames of one drive, sorted by arrival; see `FrameEmitter`.
+
+    Raises:
+        DctorqueError: the database lacks a message of the demo car.
+    """
+    return FrameEmitter(vehicle, profile, database).emit(truth, start_us)
+
+
+def length_us(truth: NDArray[np.void]) -> int:
+    """Return by how much the next `FrameEmitter.emit` of the same drive must start later.
+
+    Rounded up to 20 ms, so that no message of the demo car falls out of step at the joint.
+    """
+    span = int(truth["t_us"][-1] - truth["t_us"][0])
+    return -(-max(span, TRUTH_PERIOD_US) // 20_000) * 20_000
