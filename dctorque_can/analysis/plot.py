@@ -69,6 +69,7 @@ def _speeds(axis: Axes, seconds: NDArray[np.float64], estimates: NDArray[np.void
     driving = np.where(estimates["phase2"] > estimates["phase1"], estimates["gear2"], estimates["gear1"])
     gears.step(seconds, driving, where="post", color="0.5", linewidth=0.9, linestyle=":")
     gears.set_ylabel("Gear of the tighter clutch", color="0.4", fontsize=9)
+    gears.set_ylim(-0.3, 1.7 * max(int(driving.max(initial=1)), 2))  # leaves the top to the legend
     gears.yaxis.set_major_locator(MaxNLocator(integer=True))
     axis.legend(loc="upper right", fontsize=9, framealpha=0.9, ncols=3)
 

@@ -43,6 +43,7 @@ def demo(
         from dctorque_can.daemon.demo import Demo
         from dctorque_can.daemon.simulated_car import DriveName, ProfileName, simulate_car
 
+        settings = ["output.enabled=true", *(settings or [])]
         loaded = configuration.load(config, settings, "virtual", f"dctorque demo {time.monotonic_ns()}")
     with activity("simulating the drive (the first run on a machine compiles for up to a minute)"):
         simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration)

@@ -5,6 +5,7 @@ Every subcommand imports what it needs when it runs, so that ``--help`` stays qu
 
 from __future__ import annotations
 
+import logging
 import sys
 from typing import Annotated
 
@@ -59,6 +60,7 @@ def root(
 
 def main() -> None:
     """Run the command line and exit."""
+    logging.getLogger("can").addHandler(logging.NullHandler())  # its errors come to us as exceptions too
     arguments = sys.argv[1:]
     command = [word for word in arguments if word != DEBUG]
     if DEBUG in arguments:

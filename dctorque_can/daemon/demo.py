@@ -103,13 +103,14 @@ class Demo:
         """
         self._service.record_table(TRUTHS, drive.truth)
         thread = threading.Thread(target=self._serve, name="service")
-        thread.start()
-        try:
-            with self._connect() as car:
+        with self._connect() as car:
+            thread.start()
+            try:
                 self._send(car, drive, progress)
-        finally:
-            self._service.stop()
-            thread.join()
+            finally:
+                self._service.stop()
+                thread.join()
+            self._listen(car)
         if self._failure is not None:
             raise self._failure
         assert self._summary is not None
@@ -135,8 +136,6 @@ class Demo:
                 self._wait(i - MOST_IN_FLIGHT)
                 self._listen(car)
         self._wait(total)
-        self._service.stop()
-        self._listen(car)
 
     def _wait(self, received: int) -> None:
         """Wait until the service has received so many frames."""

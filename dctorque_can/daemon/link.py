@@ -92,6 +92,8 @@ def _refuse_down(bus: can.BusABC) -> None:
 
 
 def _reason(error: BaseException) -> str:
+    if isinstance(error, can.CanError) and error.args:
+        return str(error.args[0])  # without the number that its text adds
     return str(getattr(error, "strerror", None) or error) or type(error).__name__
 
 

@@ -25,12 +25,16 @@ class Publisher:
         encoder: makes the cyclic frames.
         link: where to.
         tell: is told about a refusal: ``tell(is_error, text)``.
+
+    Attributes:
+        can_ids: identifiers that are sent, with `EXTENDED_ID` where they are extended.
+        refused: those of them that someone else uses.
     """
 
     def __init__(self, encoder: OutputEncoder, link: BusLink, tell: Callable[[bool, str], None]) -> None:
         self.refused: set[int] = set()
         self._encoder = encoder
-        self._ids = frozenset(encoder.can_ids.values())
+        self.can_ids = frozenset(encoder.can_ids.values())
         self._link = link
         self._tell = tell
         self._first_us: int | None = None
@@ -39,10 +43,10 @@ class Publisher:
         """Look whether someone else uses our identifiers."""
         if self._first_us is None and len(frames):
             self._first_us = int(frames.t_us[0])
-        if self._ids.isdisjoint(frames.can_id.tolist()):
+        if self.can_ids.isdisjoint(frames.can_id.tolist()):
             return
         foreign = (frames.flags & (FrameFlag.SENT | FrameFlag.ERROR)) == 0
-        for can_id in sorted(self._ids.intersection(frames.can_id[foreign].tolist()) - self.refused):
+        for can_id in sorted(self.can_ids.intersection(frames.can_id[foreign].tolist()) - self.refused):
             self.refused.add(can_id)
             shown = f"0x{can_id & ~EXTENDED_ID:X}"
             self._tell(True, f"someone else sends on {shown}: nothing will be sent on it (set output.ids)")

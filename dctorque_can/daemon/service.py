@@ -180,9 +180,7 @@ class Service:
     def _take(self, messages: list[can.Message]) -> None:
         """Do the whole job for a few messages."""
         frames = frames_from_messages(messages)
-        for i, message in enumerate(messages):
-            if not message.is_rx:
-                frames.flags[i] = FrameFlag.SENT
+        self._mark_own(frames)
         self.received += len(frames)
         self._t_us = int(frames.t_us[-1])
         if self._publisher is not None:
@@ -195,8 +193,21 @@ class Service:
         if self._recorder is not None:
             self._recorder.frames(frames)
             self._recorder.estimates(estimates)
-            if sent is not None and len(sent):
+            if sent is not None and len(sent) and not self._config.can.receive_own_messages:
                 self._recorder.frames(sent)
+
+    def _mark_own(self, frames: Frames) -> None:
+        """Tell our own frames, which come back with ``can.receive_own_messages``, from those of others.
+
+        Drivers call whatever this computer sends transmitted, also what other programs on it send.
+        """
+        local = (frames.flags & FrameFlag.TRANSMITTED) != 0
+        if not local.any():
+            return
+        frames.flags[local] &= ~np.uint8(FrameFlag.TRANSMITTED)
+        if self._publisher is not None and self._config.can.receive_own_messages:
+            own = local & np.isin(frames.can_id, list(self._publisher.can_ids))
+            frames.flags[own] |= np.uint8(FrameFlag.SENT)
 
     def _keep_time(self, now_s: float) -> None:
         if self._rotate:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,17 @@ from dctorque_can.daemon.truth_log import shifted, write_truth
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.settings import DrivenAxle
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
-from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, SensorProfile, emit_frames
+from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, emit_frames
 
 START_US = 1_704_067_200_000_000  # 2024-01-01T00:00:00Z: the same seed gives the same file
 MIXED_S = 360.0
+_AXLES: dict[DrivenAxle, Literal["front", "rear", "all"]] = {
+    DrivenAxle.FRONT: "front",
+    DrivenAxle.REAR: "rear",
+    DrivenAxle.ALL: "all",
+}
 
 
 class DriveName(StrEnum):
@@ -69,7 +76,12 @@ def simulate_car(
     """
     vehicle = config.settings.vehicle
     truth = simulate(vehicle, _drive(config, drive, seed, duration_s))
-    frames = emit_frames(truth, vehicle, _profile(profile, seed), config.database, start_us=START_US)
+    sensors = replace(
+        LABORATORY if profile is ProfileName.LABORATORY else PRODUCTION,
+        seed=seed,
+        driven_axle=_AXLES[config.settings.driven_axle],
+    )
+    frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
     return SimulatedDrive(frames, shifted(truth, START_US), f"{drive} drive, {profile} signals, seed {seed}")
 
 
@@ -106,7 +118,3 @@ def _drive(config: Config, name: DriveName, seed: int, duration_s: float | None)
     if name is DriveName.MIXED:
         return mixed_drive(config.settings.vehicle, seed, duration_s or MIXED_S)
     return PAPER if duration_s is None else replace(PAPER, duration_s=duration_s)
-
-
-def _profile(name: ProfileName, seed: int) -> SensorProfile:
-    return replace(LABORATORY if name is ProfileName.LABORATORY else PRODUCTION, seed=seed)
