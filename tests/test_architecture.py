@@ -9,7 +9,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "dctorque_can"
 NAME = PACKAGE.name
 
-WORDS = ("pipeline.frames", "pipeline.samples", "pipeline.estimates")
+# What two columns of an estimate mean, `ClutchPhase`, is physics: its definition is a word too.
+WORDS = ("pipeline.frames", "pipeline.samples", "pipeline.estimates", "driveline.phases")
 ALLOWED: dict[str, tuple[str, ...]] = {
     "driveline": (),
     "estimators": ("driveline",),
