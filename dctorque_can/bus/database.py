@@ -74,7 +74,7 @@ def _load(file: DatabaseFile) -> Database:
         hint = ""
         if file.strict and _parse(text, strict=False)[0] is not None:
             hint = "; it loads with `strict: false`"
-        elif line == 1:
+        elif not re.search(r"^\s*BO_\s", text, re.MULTILINE):
             hint = "; is this a DBC file?"
         raise DatabaseError(f"{place}: {reason}{hint}")
     if not database.messages:

@@ -23,6 +23,7 @@ RPM = 30.0 / math.pi  # of one rad/s
 REVERSE_CODE = 13.0  # gear of the value tables GearShaft1 and GearShaft2
 STARTING, ESTIMATING, DEGRADED = 0.0, 1.0, 2.0  # value tables Dct…State
 
+MAX_EARLY_US = 1000  # or a tenth of the cycle: an estimate this early is not kept waiting for the next one
 _MAX_STANDARD_ID = 0x7FF
 _MAX_EXTENDED_ID = 0x1FFF_FFFF
 
@@ -115,9 +116,9 @@ def _state(status: NDArray[np.uint32]) -> Column:
 class OutputEncoder:
     """Encoder of estimates, with counters and CRC kept from call to call.
 
-    A message is sent with the first estimate, then with the first estimate that reaches its cycle time less a
-    tenth, measured on the estimates' own time; a delayed one does not shift those that follow. After a pause of
-    two cycles or a step back in time the cycle starts anew. Values that are not valid are sent as "not
+    A message is sent with the first estimate, then with the first one that reaches its cycle time, less a little
+    for jitter, on the estimates' own time; a delayed one does not shift those that follow. After a pause of two
+    cycles or a step back of one the cycle starts anew. Values that are not valid are sent as "not
     available". The result does not depend on how the estimates are cut into batches.
 
     Args:
@@ -175,11 +176,12 @@ class OutputEncoder:
         state = _state(rows["status"])
         frames = Frames.empty(sum(map(len, due)), self._width)
         first = 0
-        for message, chosen in zip(self._messages, due, strict=True):
-            if len(chosen):
-                end = first + len(chosen)
-                message.encode(rows[chosen], state[chosen], frames[first:end])
-                first = end
+        with np.errstate(over="ignore"):  # what is too large to be converted is saturated like the rest
+            for message, chosen in zip(self._messages, due, strict=True):
+                if len(chosen):
+                    end = first + len(chosen)
+                    message.encode(rows[chosen], state[chosen], frames[first:end])
+                    first = end
         frames.channel[:] = self._channel
         frames.flags[:] |= np.uint8(FrameFlag.SENT)
         if len(rows) <= 1:
@@ -197,7 +199,7 @@ class _CyclicMessage:
         self._flags = int(FrameFlag.FD) if message.is_fd or message.length > 8 else 0
         self._encoder = encoder
         self._period_us = int(message.cycle_time * 1000)
-        self._early_us = self._period_us // 10  # so that an estimate with a little jitter is not missed
+        self._early_us = min(self._period_us // 10, MAX_EARLY_US)
         self._next_us: int | None = None
 
     def due(self, t_us: NDArray[np.int64]) -> NDArray[np.intp]:
@@ -209,7 +211,7 @@ class _CyclicMessage:
         for row, t in enumerate(times):
             if following is None or t >= following + period or t < following - 2 * period:
                 following = t
-            if t >= following - self._early_us:
+            if t > following - self._early_us:
                 rows.append(row)
                 following += period
         self._next_us = following

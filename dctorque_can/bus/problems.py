@@ -89,9 +89,11 @@ def _unknown_message(database: Database, where: str, name: str) -> Problem:
 
 
 def nearest(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """Return up to three of the known names that look like ``name``, whatever their case."""
+    """Return up to three of the known names that look like ``name``; just the one that differs only in case."""
     folded = {each.casefold(): each for each in known}
-    return tuple(folded[each] for each in get_close_matches(name.casefold(), folded, n=3, cutoff=0.6))
+    if name.casefold() in folded:
+        return (folded[name.casefold()],)
+    return tuple(folded[each] for each in get_close_matches(name.casefold(), folded, n=3, cutoff=0.7))
 
 
 def _of_input(database: Database, given: Input) -> Iterator[Problem]:

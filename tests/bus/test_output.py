@@ -1,0 +1,245 @@
+"""Estimates on the bus: values, validity, protection and timing, read back by cantools and autosar-e2e."""
+
+import math
+
+import e2e.p01
+import numpy as np
+import pytest
+from cantools.database.can import Database
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dctorque_can.bus.database import DatabaseFile, load_database
+from dctorque_can.bus.output import OutputEncoder
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.estimates import ESTIMATE, Status
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+
+from .demo import DATABASE as DEMO_DATABASE
+from .demo import DBC, identical
+
+DATABASE = load_database([DatabaseFile(DBC / "dctorque.dbc")])
+ALL_VALID = (
+    Status.CLUTCH1_VALID
+    | Status.CLUTCH2_VALID
+    | Status.OUTPUT_VALID
+    | Status.GEARS_KNOWN
+    | Status.PHASES_KNOWN
+    | Status.ROAD_LOAD_LEARNED
+    | Status.CONVERGED
+)
+
+
+def estimates(t_us, **values):
+    rows = np.zeros(len(t_us), ESTIMATE)
+    rows["t_us"] = t_us
+    rows["status"] = ALL_VALID
+    for name, value in values.items():
+        rows[name] = value
+    return rows
+
+
+def read(frames):
+    """Return the last frame of each message, decoded by cantools."""
+    found = {}
+    for i in range(len(frames)):
+        message = DATABASE.get_message_by_frame_id(int(frames.can_id[i]))
+        found[message.name] = message.decode(frames.data[i].tobytes())
+    return found
+
+
+def test_values_in_the_units_of_the_database():
+    rows = estimates(
+        [0],
+        clutch1_torque_nm=123.44,
+        clutch2_torque_nm=-45.6,
+        clutch_torque_sum_nm=77.8,
+        output_torque_nm=2345.6,
+        output_torque_adaptive_nm=-100.1,
+        road_load_nm=250.0,
+        engine_torque_nm=99.9,
+        clutch1_slip_rad_s=100.0,
+        clutch2_slip_rad_s=-10.0,
+        gear1=-1,
+        gear2=4,
+        phase1=ClutchPhase.LOCKED,
+        phase2=ClutchPhase.SLIPPING,
+    )
+    found = read(OutputEncoder(DATABASE).encode(rows))
+    torque, driveline, slip, status = (
+        found[name] for name in ("DctClutchTorque", "DctDriveline", "DctClutchSlip", "DctStatus")
+    )
+    assert torque["Clutch1Torque"] == pytest.approx(123.44, abs=0.05)
+    assert torque["Clutch2Torque"] == pytest.approx(-45.6, abs=0.05)
+    assert torque["ClutchTorqueSum"] == pytest.approx(77.8, abs=0.05)
+    assert driveline["OutputTorque"] == pytest.approx(2345.6, abs=0.125)
+    assert driveline["OutputTorqueAdaptive"] == pytest.approx(-100.1, abs=0.125)
+    assert driveline["RoadLoadTorque"] == 250.0
+    assert slip["Clutch1Slip"] == pytest.approx(100.0 * 60.0 / math.tau, abs=0.125)
+    assert slip["Clutch2Slip"] == pytest.approx(-10.0 * 60.0 / math.tau, abs=0.125)
+    assert (slip["Clutch1Phase"], slip["Clutch2Phase"]) == ("locked", "slipping")
+    assert (slip["GearShaft1"], slip["GearShaft2"]) == ("reverse", "gear 4")
+    assert status["EngineTorqueEstimate"] == pytest.approx(99.9, abs=0.05)
+    assert torque["Clutch1TorqueValid"] == driveline["OutputTorqueValid"] == slip["ClutchSlipValid"] == 1
+    assert {str(found[name][f"{name}State"]) for name in found} == {"estimating"}
+
+
+@pytest.mark.parametrize(
+    ("lost", "signals"),
+    [
+        (Status.CLUTCH1_VALID, {"Clutch1Torque", "ClutchTorqueSum"}),
+        (Status.CLUTCH2_VALID, {"Clutch2Torque", "ClutchTorqueSum"}),
+        (Status.OUTPUT_VALID, {"OutputTorque", "OutputTorqueAdaptive"}),
+        (Status.GEARS_KNOWN, {"GearShaft1", "GearShaft2"}),
+        (Status.PHASES_KNOWN, {"Clutch1Phase", "Clutch2Phase"}),
+        (Status.ROAD_LOAD_LEARNED, {"RoadLoadTorque", "OutputTorqueAdaptive"}),
+    ],
+)
+def test_what_is_not_valid_is_sent_as_not_available(lost, signals):
+    found = read(OutputEncoder(DATABASE).encode(estimates([0], status=ALL_VALID & ~lost)))
+    values = {name: value for message in found.values() for name, value in message.items()}
+    assert {name for name, value in values.items() if value == "not available"} == signals
+
+
+@pytest.mark.parametrize(
+    ("status", "state"),
+    [
+        (Status(0), "starting"),
+        (ALL_VALID, "estimating"),
+        (ALL_VALID | Status.INPUT_STALE, "degraded"),
+        (ALL_VALID | Status.LIMITED, "degraded"),
+        (Status.INPUT_STALE, "starting"),
+    ],
+)
+def test_the_state_and_every_status_bit(status, state):
+    found = read(OutputEncoder(DATABASE).encode(estimates([0], status=status)))
+    assert {str(found[name][f"{name}State"]) for name in found} == {state}
+    bits = {
+        "Clutch1Valid": Status.CLUTCH1_VALID,
+        "Clutch2Valid": Status.CLUTCH2_VALID,
+        "OutputValid": Status.OUTPUT_VALID,
+        "GearsKnown": Status.GEARS_KNOWN,
+        "PhasesKnown": Status.PHASES_KNOWN,
+        "RoadLoadKnown": Status.ROAD_LOAD_LEARNED,
+        "Converged": Status.CONVERGED,
+        "InputStale": Status.INPUT_STALE,
+        "SpeedImplausible": Status.SPEED_IMPLAUSIBLE,
+        "EstimateLimited": Status.LIMITED,
+    }
+    assert {name: found["DctStatus"][name] for name in bits} == {
+        name: int(bit in status) for name, bit in bits.items()
+    }
+
+
+@given(st.lists(st.floats(allow_infinity=True, allow_nan=False), min_size=4, max_size=4))
+def test_any_number_is_saturated(numbers):
+    names = ("clutch1_torque_nm", "output_torque_nm", "clutch1_slip_rad_s", "engine_torque_nm")
+    signals = ("Clutch1Torque", "OutputTorque", "Clutch1Slip", "EngineTorqueEstimate")
+    factors = (1.0, 1.0, 60.0 / math.tau, 1.0)
+    found = read(OutputEncoder(DATABASE).encode(estimates([0], **dict(zip(names, numbers, strict=True)))))
+    for signal, message, number, factor in zip(signals, found, numbers, factors, strict=True):
+        limits = DATABASE.get_message_by_name(message).get_signal_by_name(signal)
+        saturated = min(max(number * factor, limits.minimum), limits.maximum)
+        assert found[message][signal] == pytest.approx(saturated, abs=0.51 * limits.scale)
+
+
+def times(frames, name, encoder):
+    return frames.t_us[frames.can_id == encoder.can_ids[name]].tolist()
+
+
+def test_cycle_times_counters_crc_and_flags():
+    encoder = OutputEncoder(DATABASE, channel=2)
+    frames = encoder.encode(estimates(np.arange(400) * 10_000))
+    assert times(frames, "DctClutchTorque", encoder) == list(range(0, 4_000_000, 10_000))
+    assert times(frames, "DctStatus", encoder) == list(range(0, 4_000_000, 100_000))
+    assert set(frames.flags) == {FrameFlag.SENT}
+    assert set(frames.channel) == {2}
+    assert (np.diff(frames.t_us) >= 0).all()
+    for name, can_id in encoder.can_ids.items():
+        own = frames[frames.can_id == can_id]
+        assert all(e2e.p01.e2e_p01_check(bytearray(row), can_id) for row in own.data)
+        assert (own.data[:, 1] & 15).tolist() == [k % 15 for k in range(len(own))], name
+
+
+def test_estimates_each_millisecond_are_thinned_and_slow_ones_all_sent():
+    encoder = OutputEncoder(DATABASE)
+    frames = encoder.encode(estimates(np.arange(1000) * 1000))
+    assert times(frames, "DctDriveline", encoder) == list(range(0, 1_000_000, 10_000))
+    slow = OutputEncoder(DATABASE)
+    assert len(times(slow.encode(estimates(np.arange(20) * 50_000)), "DctDriveline", slow)) == 20
+
+
+def test_jitter_within_a_tenth_of_the_cycle_loses_nothing():
+    rng = np.random.default_rng(3)
+    t_us = np.arange(500) * 10_000 + rng.integers(-500, 500, 500)
+    encoder = OutputEncoder(DATABASE)
+    assert times(encoder.encode(estimates(t_us)), "DctClutchTorque", encoder) == t_us.tolist()
+
+
+def test_a_step_of_the_clock_starts_the_cycle_anew():
+    t_us = [0, 10_000, 20_000, 5_000, 15_000, 9_000_000, 9_010_000, 1_000, 11_000]
+    encoder = OutputEncoder(DATABASE)
+    sent = times(encoder.encode(estimates(t_us)), "DctClutchTorque", encoder)
+    assert sent == t_us
+
+
+@settings(max_examples=40)
+@given(st.lists(st.integers(-30_000, 40_000), min_size=1, max_size=60), st.data())
+def test_random_cuts_give_identical_frames(steps, data):
+    rows = estimates(np.cumsum(steps))
+    whole = OutputEncoder(DATABASE).encode(rows)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(rows)), max_size=6)))
+    encoder = OutputEncoder(DATABASE)
+    parts = [encoder.encode(rows[a:b]) for a, b in zip([0, *cuts], [*cuts, len(rows)], strict=True)]
+    assert identical(Frames.concatenate(parts), whole)
+
+
+def test_other_identifiers():
+    encoder = OutputEncoder(
+        DATABASE, {"DctStatus": 0x123, "DctDriveline": 0x18FF0001, "DctClutchSlip": EXTENDED_ID | 5}
+    )
+    assert encoder.can_ids == {
+        "DctClutchTorque": 0x6F0,
+        "DctDriveline": 0x18FF0001 | EXTENDED_ID,
+        "DctClutchSlip": 5 | EXTENDED_ID,
+        "DctStatus": 0x123,
+    }
+    frames = encoder.encode(estimates([0]))
+    assert set(frames.can_id.tolist()) == set(encoder.can_ids.values())
+    status = frames.data[frames.can_id == 0x123][0]
+    assert e2e.p01.e2e_p01_check(bytearray(status), 0x6F3)  # the data id stays that of the DBC
+
+
+@pytest.mark.parametrize(
+    ("database", "ids", "reason"),
+    [
+        (DATABASE, {"DctStats": 1}, r"output id of DctStats: no such message; did you mean DctStatus"),
+        (DATABASE, {"DctStatus": 0x6F0}, "DctStatus and DctClutchTorque have the same id 0x6F0"),
+        (DATABASE, {"DctStatus": 0x2000_0000}, "0x20000000 is no id"),
+        (DATABASE, {"DctStatus": -1}, "is no id"),
+        (DEMO_DATABASE, {}, "has none of the messages DctClutchTorque"),
+        (Database([]), {}, "has none of the messages"),
+    ],
+)
+def test_mistakes_are_named(database, ids, reason):
+    with pytest.raises(DctorqueError, match=reason):
+        OutputEncoder(database, ids)
+
+
+def test_a_message_without_cycle_time_is_refused():
+    text = (
+        (DBC / "dctorque.dbc")
+        .read_text()
+        .replace('"GenMsgCycleTime" BO_ 1779 100', '"GenMsgCycleTime" BO_ 1779 0')
+    )
+    database = load_database([DatabaseFile(DBC / "x.dbc", content=text.encode())])
+    with pytest.raises(DctorqueError, match="DctStatus has no GenMsgCycleTime"):
+        OutputEncoder(database)
+
+
+def test_read_only_estimates_are_taken():
+    rows = estimates([0])
+    rows.flags.writeable = False
+    assert len(OutputEncoder(DATABASE).encode(rows)) == 4
+    assert len(OutputEncoder(DATABASE).encode(rows[:0])) == 0
