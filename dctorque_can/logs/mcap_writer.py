@@ -91,7 +91,7 @@ class McapLog:
 
     def write_frames(self, frames: Frames) -> None:
         """Append frames in their order: topic ``/can<channel>``, with ``/fd``, ``/sent``, ``/tx`` as they are."""
-        step = max(self._file.chunk_size // _FRAME_RECORD.itemsize, 1)
+        step = -(-self._file.chunk_size // _FRAME_RECORD.itemsize)
         for start in range(0, len(frames), step):
             self._write_frames(frames[start : start + step])
 
@@ -138,7 +138,7 @@ class McapLog:
             schema = self._schema(table.type_name, table.schema_text)
             channel = self._tables[table] = self._channel(table.topic, schema)
         record = message_record(table.payload)
-        step = max(self._file.chunk_size // record.itemsize, 1)
+        step = -(-self._file.chunk_size // record.itemsize)
         records = np.zeros(min(step, len(rows)), record)
         for start in range(0, len(rows), step):
             part = rows[start : start + step]

@@ -11,8 +11,16 @@ from can.util import channel2int
 
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
-MAX_T_US = 9_000_000_000_000_000_000
 ID_MASK = 0x1FFF_FFFF
+_MAX_S = 9e12
+_MAX_T_US = 9_000_000_000_000_000_000
+_EXTENDED = int(EXTENDED_ID)
+_FD = int(FrameFlag.FD)
+_SWITCH = int(FrameFlag.BITRATE_SWITCH)
+_STATE = int(FrameFlag.ERROR_STATE)
+_REMOTE = int(FrameFlag.REMOTE)
+_ERROR = int(FrameFlag.ERROR)
+_TRANSMITTED = int(FrameFlag.TRANSMITTED)
 
 
 class ChannelNumbers:
@@ -48,27 +56,23 @@ def frames_from_messages(messages: Sequence[can.Message], channel: int | Channel
     The length of a remote frame is the one asked for, of any other frame the bytes that are there.
     Of data longer than 64 bytes the first 64 count.
     """
-    n = len(messages)
     payloads = [b"" if m.is_remote_frame else bytes(m.data[:64]) for m in messages]
-    longest = max(map(len, payloads), default=0)
-    width = 8 if longest <= 8 else 64
-    frames = Frames.empty(n, width)
-    seconds = np.array([m.timestamp for m in messages], np.float64)
-    microseconds = np.nan_to_num(np.rint(seconds * 1e6), nan=0.0)
-    frames.t_us[:] = np.clip(microseconds, -MAX_T_US, MAX_T_US).astype(np.int64)
-    frames.can_id[:] = [(m.arbitration_id & ID_MASK) | (EXTENDED_ID if m.is_extended_id else 0) for m in messages]
-    frames.length[:] = [
+    width = 8 if max(map(len, payloads), default=0) <= 8 else 64
+    lengths = [
         min(max(m.dlc, 0), 64) if m.is_remote_frame else len(payload)
         for m, payload in zip(messages, payloads, strict=True)
     ]
-    frames.flags[:] = [_flags(m) for m in messages]
-    if isinstance(channel, ChannelNumbers):
-        frames.channel[:] = [channel[m.channel] for m in messages]
-    else:
-        frames.channel[:] = channel
+    identifiers = [(m.arbitration_id & ID_MASK) | (_EXTENDED if m.is_extended_id else 0) for m in messages]
+    channels = [channel if isinstance(channel, int) else channel[m.channel] for m in messages]
     joined = b"".join([payload.ljust(width, b"\0") for payload in payloads])
-    frames.data[:] = np.frombuffer(joined, np.uint8).reshape(n, width)
-    return frames
+    return Frames(
+        t_us=np.array([_microseconds(m.timestamp) for m in messages], np.int64),
+        can_id=np.array(identifiers, np.uint32),
+        length=np.array(lengths, np.uint8),
+        flags=np.array([_flags(m) for m in messages], np.uint8),
+        channel=np.array(channels, np.uint8),
+        data=np.frombuffer(bytearray(joined), np.uint8).reshape(-1, width),
+    )
 
 
 def message_from_frame(frames: Frames, i: int) -> can.Message:
@@ -93,12 +97,26 @@ def message_from_frame(frames: Frames, i: int) -> can.Message:
     )
 
 
+def _microseconds(seconds: float) -> int:
+    if abs(seconds) < _MAX_S:
+        return round(seconds * 1e6)
+    if seconds != seconds:
+        return 0
+    return _MAX_T_US if seconds > 0 else -_MAX_T_US
+
+
 def _flags(message: can.Message) -> int:
-    return (
-        FrameFlag.FD.value * message.is_fd
-        | FrameFlag.BITRATE_SWITCH.value * message.bitrate_switch
-        | FrameFlag.ERROR_STATE.value * message.error_state_indicator
-        | FrameFlag.REMOTE.value * message.is_remote_frame
-        | FrameFlag.ERROR.value * message.is_error_frame
-        | FrameFlag.TRANSMITTED.value * (not message.is_rx)
-    )
+    flags = 0
+    if message.is_fd:
+        flags |= _FD
+    if message.bitrate_switch:
+        flags |= _SWITCH
+    if message.error_state_indicator:
+        flags |= _STATE
+    if message.is_remote_frame:
+        flags |= _REMOTE
+    if message.is_error_frame:
+        flags |= _ERROR
+    if not message.is_rx:
+        flags |= _TRANSMITTED
+    return flags
