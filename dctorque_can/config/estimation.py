@@ -145,7 +145,7 @@ class Oh2014Section(Section):
     printed_rate_law: bool = False
     """Use both innovations in the rate of (36), as rows 1 and 2 of the paper's matrix A are printed."""
     sub_observer: Literal["full", "adaptive", "unknown_input"] = "full"
-    """Which part of the observer gives the published torques."""
+    """Which part of the observer gives the published torques: full, adaptive or unknown_input."""
 
     def build(self) -> Oh2014Design:
         """Return the design as the estimator knows it."""

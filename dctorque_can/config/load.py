@@ -2,40 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import TypeVar
 
 import yaml
 from cantools.database.can import Database
 
-from dctorque_can.bus.database import DatabaseError, DatabaseFile, load_database
 from dctorque_can.config.build import Parts, build_parts
+from dctorque_can.config.databases import DatabaseFiles, Reader
 from dctorque_can.config.document import Document, parse
-from dctorque_can.config.edges import (
-    LAST_STANDARD_ID,
-    CanSection,
-    DatabaseSection,
-    LoggingSection,
-    OutputSection,
-    OutputSettings,
-)
+from dctorque_can.config.edges import CanSection, LoggingSection, OutputSettings
 from dctorque_can.config.inputs import InputEntry
 from dctorque_can.config.overrides import apply_overrides
-from dctorque_can.config.problems import ConfigError, KeyPath, Problem
-from dctorque_can.config.section import Section, absent, nearest, problem_order, validate
+from dctorque_can.config.problems import ConfigError, Problem
+from dctorque_can.config.section import absent, nearest, problem_order, validate
 from dctorque_can.pipeline.samples import Input, Protection
 from dctorque_can.pipeline.settings import Settings
-from dctorque_can.resources import shipped_dbc
 
 __all__ = ["Config", "ConfigError", "Problem", "load_config", "load_documents"]
 
-S = TypeVar("S", bound=Section)
-
-OUTPUT_DBC = "dctorque.dbc"
 OVERRIDES_SUFFIX = ".overrides.yaml"
-DATABASES: KeyPath = ("databases",)
 SECTIONS = {
     "name": "a name for the vehicle",
     "vehicle": "the physical parameters of the vehicle",
@@ -45,9 +32,6 @@ SECTIONS = {
     "clutch_phase": "what tells whether a clutch is open: source: position, flag or command",
 }
 OPTIONAL_SECTIONS = ("protection", "estimator", "can", "output", "logging")
-
-Reader = Callable[[str], tuple[Path, bytes]]
-"""Gives path and bytes of a file that the YAML names; raises OSError."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +142,7 @@ def _load(
     documents = {path.name: content}
     if overrides:
         documents[path.stem + OVERRIDES_SUFFIX] = _quoted(overrides)
-    files = _DatabaseFiles(document, documents, read, among_documents)
+    files = DatabaseFiles(document, documents, read, among_documents)
     database = files.vehicle()
     parts = build_parts(document, database)
     can = validate(document, ("can",), CanSection)
@@ -205,139 +189,3 @@ def _check_sections(document: Document) -> None:
     name = document.data.get("name")
     if name is not None and not (isinstance(name, str) and name.strip()):
         document.problems.append(document.problem(("name",), "must be text"))
-
-
-class _DatabaseFiles:
-    """Loads the DBCs that a vehicle file names, and puts them among the documents."""
-
-    def __init__(self, document: Document, documents: dict[str, bytes], read: Reader, among_documents: bool):
-        self._document = document
-        self._documents = documents
-        self._read = read
-        self._among_documents = among_documents
-
-    def vehicle(self) -> Database | None:
-        """Return the messages of all DBCs; None when one of them has an error."""
-        listed = self._document.value(DATABASES)
-        if listed is None or listed == []:
-            return None
-        if not isinstance(listed, list):
-            self._complain(DATABASES, "must be a list, such as [{file: my_car.dbc}]")
-            return None
-        files = [self._file(n, item) for n, item in enumerate(listed)]
-        loadable = [file for file in files if file is not None and self._loads((*DATABASES, *file[0]), file[1])]
-        if len(loadable) < len(listed):
-            return None
-        try:
-            return load_database([file for _, file in loadable])
-        except DatabaseError as error:
-            for line in str(error).splitlines():
-                self._complain(DATABASES, line)
-            return None
-
-    def output(self, vehicle: Database | None) -> OutputSettings | None:
-        """Return what is sent; None when there is an error."""
-        section = validate(self._document, ("output",), OutputSection)
-        if section is None:
-            return None
-        where: KeyPath = ("output", "database")
-        if section.database is not None:
-            file = self._content(where, section.database)
-        elif self._among_documents and self._has(OUTPUT_DBC):
-            file = self._content(where, OUTPUT_DBC)
-        else:
-            path = shipped_dbc(OUTPUT_DBC)
-            file = DatabaseFile(path, content=path.read_bytes())
-            self._documents[self._stored_name(OUTPUT_DBC)] = path.read_bytes()
-        if file is None or not self._loads(where, file):
-            return None
-        settings = OutputSettings(section.enabled, file.path, load_database([file]), dict(section.ids))
-        return settings if self._identifiers_fit(settings, vehicle) else None
-
-    def _file(self, n: int, item: object) -> tuple[KeyPath, DatabaseFile] | None:
-        """Return the key path below `databases` and the bytes of one DBC."""
-        if isinstance(item, str):
-            file = self._content((*DATABASES, n), item)
-            return ((n,), file) if file else None
-        section = validate(self._document, (*DATABASES, n), DatabaseSection)
-        if section is None:
-            return None
-        file = self._content((*DATABASES, n, "file"), section.file, section.strict)
-        return ((n, "file"), file) if file else None
-
-    def _content(self, key: KeyPath, name: str, strict: bool = True) -> DatabaseFile | None:
-        stored = self._stored_name(name)
-        try:
-            path, content = self._read(stored if self._among_documents else name)
-        except OSError as error:
-            file = stored if self._among_documents else str(self._path(name))
-            self._complain(key, f"{file} cannot be read: {error.strerror}")
-            return None
-        self._documents[stored] = content
-        return DatabaseFile(path, strict, content)
-
-    def _has(self, name: str) -> bool:
-        try:
-            self._read(self._stored_name(name))
-        except OSError:
-            return False
-        return True
-
-    def _path(self, name: str) -> Path:
-        return Path(self._document.name).parent / name
-
-    def _stored_name(self, name: str) -> str:
-        """Return the name of a DBC among the documents: its base name, numbered when that is taken.
-
-        It depends on the text of the vehicle file only, so that `load_documents` comes to the same names.
-        """
-        base = PurePath(name.replace("\\", "/")).name
-        stored, n = base, 1
-        while stored in self._documents:
-            n += 1
-            stored = f"{n}-{base}"
-        return stored
-
-    def _loads(self, key: KeyPath, file: DatabaseFile) -> bool:
-        try:
-            load_database([file])
-        except DatabaseError as error:
-            for line in str(error).splitlines():
-                self._complain(key, line)
-            return False
-        return True
-
-    def _identifiers_fit(self, output: OutputSettings, vehicle: Database | None) -> bool:
-        """Report ids of unknown messages, ids given twice, and ids that the vehicle itself sends."""
-        errors = 0
-        names = [message.name for message in output.database.messages]
-        for name in output.ids:
-            if name not in names:
-                errors += 1
-                self._complain(
-                    ("output", "ids", name), f"{output.path.name} has no such message{nearest(name, names)}"
-                )
-        taken = {_identifier(m.frame_id, m.is_extended_frame): m.name for m in vehicle.messages} if vehicle else {}
-        sent: dict[tuple[int, bool], str] = {}
-        for message in output.database.messages:
-            given = output.ids.get(message.name)
-            extended = message.is_extended_frame if given is None else given > LAST_STANDARD_ID
-            identifier = _identifier(message.frame_id if given is None else given, extended)
-            key = ("output", "ids", message.name)
-            if identifier in sent:
-                errors += 1
-                self._complain(key, f"0x{identifier[0]:X} is the id of {sent[identifier]} too; give another one")
-            if identifier in taken and output.enabled:
-                errors += 1
-                self._complain(
-                    key, f"0x{identifier[0]:X} is the id of {taken[identifier]}, which the vehicle sends"
-                )
-            sent.setdefault(identifier, message.name)
-        return errors == 0
-
-    def _complain(self, path: KeyPath, reason: str) -> None:
-        self._document.problems.append(self._document.problem(path, reason))
-
-
-def _identifier(frame_id: int, extended: bool) -> tuple[int, bool]:
-    return frame_id, extended

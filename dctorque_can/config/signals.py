@@ -176,7 +176,7 @@ class ProtectionSection(Section):
     counter_modulus: Annotated[int, Field(ge=2, le=65_536)] | None = None
     """The counter runs 0..modulus-1; default: 15 for e2e_p01, else 16."""
     max_counter_delta: Annotated[int, Field(ge=1, le=255)] = 3
-    """Largest accepted step of the counter; 2 loses one frame."""
+    """Largest accepted step of the counter; a step of 3 means that two frames were lost."""
     data_id: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
     """AUTOSAR data id, for e2e_p01."""
     data_ids: Annotated[list[Annotated[int, Field(ge=0, le=0xFF)]], Field(min_length=16, max_length=16)] | None = (

@@ -49,7 +49,7 @@ def judged(text: bytes) -> Config | ConfigError:
         return error
 
 
-@settings(max_examples=120, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.tuples(st.sampled_from(paths(PAPER_CAR)), VALUES), min_size=1, max_size=3))
 def test_any_values(changes: list[tuple[tuple[Any, ...], Any]]) -> None:
     data = copy.deepcopy(PAPER_CAR)

@@ -1,0 +1,66 @@
+"""docs/configuration.md has a row for every key, with the default and the words of the model."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic.fields import FieldInfo
+
+from dctorque_can.config import edges, estimation, inputs, signals, vehicle
+from dctorque_can.config.load import OPTIONAL_SECTIONS, SECTIONS
+from dctorque_can.config.section import Section
+
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "configuration.md").read_text()
+MODELS = [
+    model
+    for module in (vehicle, signals, inputs, estimation, edges)
+    for model in vars(module).values()
+    if isinstance(model, type) and issubclass(model, Section) and model.__module__ == module.__name__
+]
+SOURCES = {"source"}  # one of several sections: told in a sentence
+PARTS = {"shaft1", "shaft2", "clutch1", "clutch2"}
+
+
+def default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value in ({}, "") or isinstance(value, Section):
+        return "–"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
+def test_every_key_is_in_the_reference(model: type[Section]) -> None:
+    for name, field in model.model_fields.items():
+        if name in SOURCES | PARTS:
+            assert f"`{name}`" in TEXT or f"`{name}: " in TEXT
+            continue
+        meaning = (field.description or "").replace("``", "`").strip().rstrip(".")
+        assert meaning, f"{model.__name__}.{name} has no description"
+        assert f"| `{name}` | {default(field)} | {meaning} |" in TEXT
+
+
+def test_every_section_is_in_the_reference() -> None:
+    for section in SECTIONS:
+        assert f"| `{section}` | yes |" in TEXT
+    for section in OPTIONAL_SECTIONS:
+        assert f"| `{section}` | no |" in TEXT
+    for quantity, (lowest, highest) in inputs.PLAUSIBLE.items():
+        assert f"| `{quantity.name.lower()}` | {lowest:g} | {highest:g} |" in TEXT
+
+
+def test_examples_in_the_reference_are_accepted(load) -> None:
+    blocks = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        for key, value in yaml.safe_load(block).items():
+            if key == "gears":
+                reverse = {"shaft": 2, "ratio": 3.5, "final_drive": 3.7, "inertia_kgm2": 0.001}
+                assert load({"gears": value, "vehicle.gears.R": reverse}).warnings == ()
+            else:
+                section = inputs.InputsSection.model_fields[key].annotation
+                assert list(section.model_validate(value).contradictions()) == []
