@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from rich import box
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -19,9 +21,9 @@ if TYPE_CHECKING:
     from dctorque_can.config.problems import Problem
 
 NO_ESTIMATE = "no valid estimate"
-AXLE = "mean of the axle from the other wheel"
-PHASE = "clutch taken as closed: no attenuation before the kissing point"
-RECORDED = "nothing: recorded and watched only"
+AXLE = "other wheel of the axle"
+PHASE = "clutch counts as closed"
+RECORDED = "nothing (recorded only)"
 LOST = {
     "engine_speed": NO_ESTIMATE,
     "engine_torque": NO_ESTIMATE,
@@ -44,6 +46,19 @@ LOST = {
     "brake": RECORDED,
 }
 """What is lost while an input is stale or missing, by quantity."""
+
+PAGE_WIDTH = 160  # of a file or a pipe
+COLUMNS: dict[str, tuple[tuple[Literal["left", "right"], bool], int]] = {
+    "quantity": (("left", True), 0),
+    "signal": (("left", True), 0),
+    "to SI": (("left", False), 0),
+    "range (SI)": (("left", True), 105),
+    "period": (("right", True), 0),
+    "timeout": (("right", True), 0),
+    "protection": (("left", True), 145),
+    "while missing": (("left", False), 125),
+}
+"""Heading to (justification, whether its text stays on one line), and the terminal width that it needs."""
 
 
 def check(
@@ -159,48 +174,46 @@ def _missing_row(name: str, config: Config) -> dict[str, Any]:
 
 
 def _show(config: Config, rows: list[dict[str, Any]]) -> None:
-    table = Table(title=f"{config.name}: inputs", title_justify="left", header_style="bold", show_lines=False)
-    for heading in (
-        "quantity",
-        "signal",
-        "to SI",
-        "range (SI)",
-        "period",
-        "timeout",
-        "protection",
-        "while missing",
-    ):
-        right = heading in ("period", "timeout")
-        table.add_column(heading, justify="right" if right else "left", overflow="fold")
+    width = STDOUT.width if STDOUT.is_terminal else max(STDOUT.width, PAGE_WIDTH)
+    console = Console(width=width, highlight=False)
+    columns = {name: kind for name, (kind, needed) in COLUMNS.items() if width >= needed}
+    table = Table(title=f"{config.name}: inputs", title_justify="left", box=box.SIMPLE_HEAD)
+    for heading, (justify, fixed) in columns.items():
+        table.add_column(heading, justify=justify, no_wrap=fixed, overflow="fold")
     for row in rows:
-        if row["present"]:
-            table.add_row(*(escape(cell) for cell in _cells(row)))
-        else:
-            table.add_row(row["quantity"], "not given", "", "", "", "", "", escape(row["lost"]), style="dim")
-    STDOUT.print(table)
+        cells = _cells(row)
+        style = None if row["present"] else "dim"
+        table.add_row(*(escape(cells.get(heading, "")) for heading in columns), style=style)
+    console.print(table)
+    if len(columns) < len(COLUMNS):
+        hidden = ", ".join(heading for heading in COLUMNS if heading not in columns)
+        say(f"a wider terminal (or --json) shows {hidden}")
     files = ", ".join(name for name in config.documents)
     axle = config.settings.driven_axle.name.lower()
-    STDOUT.print(f"driven axle {axle}; {len(config.database.messages)} DBC messages; read: {files}", markup=False)
-    STDOUT.print(f"{config.path}: {_counted(config.warnings)}", markup=False)
+    console.print(f"driven axle {axle}; {len(config.database.messages)} DBC messages; read: {files}", markup=False)
+    console.print(f"{config.path}: {_counted(config.warnings)}", markup=False, soft_wrap=True)
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
-    return [
-        row["quantity"],
-        "\n".join(row["signals"]),
-        "\n".join(map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])),
-        _range(row["minimum"], row["maximum"]),
-        f"{row['period_ms']:g} ms" if row["period_ms"] else "not in DBC",
-        f"{row['timeout_ms']:g} ms",
-        "\n".join(row["protection"]),
-        row["lost"],
-    ]
+def _cells(row: dict[str, Any]) -> dict[str, str]:
+    """Return the text of each column of a row."""
+    if not row["present"]:
+        return {"quantity": row["quantity"], "signal": "not given", "while missing": row["lost"]}
+    return {
+        "quantity": row["quantity"],
+        "signal": "\n".join(row["signals"]),
+        "to SI": "\n".join(map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])),
+        "range (SI)": _range(row["minimum"], row["maximum"]),
+        "period": f"{row['period_ms']:g} ms" if row["period_ms"] else "?",
+        "timeout": f"{row['timeout_ms']:g} ms",
+        "protection": "\n".join(row["protection"]),
+        "while missing": row["lost"],
+    }
 
 
 def _conversion(unit: str, factor: float, offset: float, mapped: dict[str, float]) -> str:
     if mapped:
         return " ".join(f"{raw}→{value:g}" for raw, value in mapped.items())
-    text = f"{unit or 'as sent'} · {factor:.6g}" if factor != 1 else unit or "as sent"
+    text = f"{unit or 'as sent'} · {factor:.4g}" if factor != 1 else unit or "as sent"
     return text + (f" {offset:+.6g}" if offset else "")
 
 
