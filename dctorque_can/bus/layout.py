@@ -113,7 +113,8 @@ class SignalLayout:
         """Return the physical values, float64 ``[n]``, of payloads uint8 ``[n, width]``."""
         raw = self.read_raw(data)
         if self.coding is Coding.FLOAT32:
-            number = raw.astype(np.uint32).view(np.float32).astype(np.float64)
+            with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+                number = raw.astype(np.uint32).view(np.float32).astype(np.float64)
         elif self.coding is Coding.FLOAT64:
             number = raw.view(np.float64)
         elif self.coding is Coding.SIGNED:

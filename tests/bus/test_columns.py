@@ -3,6 +3,7 @@
 import cantools
 import numpy as np
 from cantools.database.can import Database, Message, Signal
+from cantools.database.conversion import BaseConversion
 
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
@@ -46,6 +47,14 @@ def test_multiplexed_signals_are_nan_where_they_are_not_selected():
     np.testing.assert_array_equal(rows["C"], [np.nan, 1])
     np.testing.assert_array_equal(rows["Inner"], [np.nan, 3])
     np.testing.assert_array_equal(rows["Always"], [5, 5])
+
+
+def test_floats_that_are_no_number_stay_what_they_are():
+    message = Message(1, "M", 4, [Signal("F", 0, 32, conversion=BaseConversion.factory(scale=2, is_float=True))])
+    patterns = [0x7F80_0001, 0x7FC0_0000, 0x7F80_0000, 0x3F80_0000]  # signalling NaN, NaN, infinity, 1
+    payloads = [list(pattern.to_bytes(4, "little")) for pattern in patterns]
+    rows = MessageColumns(Database([message])).decode(frames_of(payloads, 1))["M"]
+    np.testing.assert_array_equal(rows["F"], [np.nan, np.nan, np.inf, 2.0])
 
 
 def test_unreadable_signals_and_name_clashes():
