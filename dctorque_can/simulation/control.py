@@ -70,7 +70,7 @@ _TRACKING = 4.0  # N·m per rad/s of engine speed error
 _OPEN_SPEED = 1000 * np.pi / 30  # coasting below this input speed opens the clutch
 _PRESELECT_DELAY = 0.3
 _SHIFT_PAUSE = 0.6
-_HOLD_SPEED = 0.15  # m/s
+_HOLD_SPEED = 0.3  # m/s
 _HOLD = 0.4  # braking force of the hill holder per weight
 
 

@@ -57,13 +57,13 @@ def mixed_drive(vehicle: Vehicle, seed: int, duration_s: float = 360.0) -> Drive
     Args:
         vehicle: the car it is for; its number of gears decides how fast it goes.
         seed: another seed, another drive.
-        duration_s: at least 120 s.
+        duration_s: at least 180 s.
 
     Raises:
         DctorqueError: ``duration_s`` is too short.
     """
-    if duration_s < 120.0:
-        raise DctorqueError(f"a mixed drive needs at least 120 s, not {duration_s:g} s")
+    if duration_s < 180.0:
+        raise DctorqueError(f"a mixed drive needs at least 180 s, not {duration_s:g} s")
     random = np.random.default_rng(seed)
     top = 26.0 if max(gear.number for gear in vehicle.gears) <= 5 else 34.0
     knots: list[tuple[float, float]] = [(0.0, 0.0), (2.0, 0.0)]

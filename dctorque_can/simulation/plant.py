@@ -45,6 +45,8 @@ SUBSTEPS = 10
 STEP = 1e-4
 PERIOD = SUBSTEPS * STEP
 
+_TYRE_DAMPING_SPEED = 1.0  # m/s; a rolling tyre is damped by its slip, its own damping is for standstill
+
 _OPEN_PHASE, _SLIPPING_PHASE, _LOCKED_PHASE = (int(phase) for phase in ClutchPhase)
 
 ACTUATION = np.dtype(
@@ -211,6 +213,7 @@ def move(
         v = abs(motion.speed[BODY])
         mechanism.damping[AIR] = p.air * v
         mechanism.leak[TYRE] = v / p.tyre_relaxation
+        mechanism.damping[TYRE] = p.tyre_damping / (1.0 + v / _TYRE_DAMPING_SPEED)
         loads.force[0, ENGINE] = a.T_e
         a.T_e += engine_share * (c.engine_command - a.T_e)
         loads.force[1, ENGINE] = a.T_e
@@ -308,6 +311,7 @@ def run(
     c = control[0]
     memory = 0.0
     last = (0.0, 0.0)
+    motion.torque[ROAD] = -p.weight * np.sin(grades[0])  # the brake holds the car from the first row on
     for shaft in range(2):
         _engage(p, mechanism, motion, a, shaft, a.engaged[shaft])
     for k in range(rows.size):

@@ -1,0 +1,202 @@
+"""Frames of the simulated car, decoded by cantools, against the truth they were sampled from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cantools.database.can import Database
+from numpy.typing import NDArray
+
+from dctorque_can.bus.database import DatabaseFile, load_database
+from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.frames import Frames
+from dctorque_can.simulation.sensors import (
+    LABORATORY,
+    PRODUCTION,
+    FrameEmitter,
+    Noise,
+    SensorProfile,
+    Timing,
+    emit_frames,
+    length_us,
+)
+
+DBC = Path(__file__).parents[2] / "dbc" / "demo_car.dbc"
+QUIET = Noise(0.0, 0.0, 0.0)
+RPM = np.pi / 30
+Columns = dict[str, NDArray[np.float64]]
+
+
+@pytest.fixture(scope="module")
+def database() -> Database:
+    return load_database([DatabaseFile(DBC)])
+
+
+def decoded(frames: Frames, database: Database, message: str) -> tuple[NDArray[np.int64], Columns]:
+    codec = database.get_message_by_name(message)
+    part = frames[frames.can_id == codec.frame_id]
+    rows = [codec.decode(bytes(data), decode_choices=False) for data in part.data]
+    return part.t_us, {name: np.array([row[name] for row in rows], dtype=float) for name in rows[0]}
+
+
+def every_20th_ms(profile: SensorProfile) -> SensorProfile:
+    return replace(profile, timing={name: Timing(20_000) for name in profile.timing})
+
+
+def test_laboratory_sends_everything_each_millisecond(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    frames = emit_frames(paper_truth, paper_vehicle, LABORATORY, database, start_us=5_000)
+    assert len(frames) == 80_000
+    for can_id in (0x100, 0x110, 0x120, 0x130, 0x131):
+        np.testing.assert_array_equal(frames.t_us[frames.can_id == can_id], 5_000 + 1000 * np.arange(16_000))
+    assert np.all(np.diff(frames.t_us) >= 0)
+
+
+def test_production_rates_delays_and_jitter(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    frames = emit_frames(paper_truth, paper_vehicle, PRODUCTION, database)
+    assert len(frames) == 6400  # 400 a second
+    for name, timing in PRODUCTION.timing.items():
+        t, _ = decoded(frames, database, name)
+        late = t - timing.offset_us - timing.period_us * np.arange(len(t))
+        assert late.min() >= timing.delay_us
+        assert late.max() <= timing.delay_us + timing.jitter_us
+        # Evenly distributed jitter: mean in the middle, standard deviation of width/√12.
+        assert late.mean() == pytest.approx(timing.delay_us + timing.jitter_us / 2, abs=20)
+        assert late.std() == pytest.approx(timing.jitter_us / np.sqrt(12), rel=0.1)
+    assert np.all(np.diff(frames.t_us) >= 0)
+
+
+def test_without_noise_only_the_resolution_of_the_dbc_is_lost(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    """Sampled between the rows of the truth, by the linear interpolation of neighbours."""
+    profile = SensorProfile(
+        "quiet", {name: Timing(20_000, 300) for name in LABORATORY.timing}, QUIET, driven_axle="front"
+    )
+    frames = emit_frames(paper_truth, paper_vehicle, profile, database)
+
+    def at_samples(name: str) -> NDArray[np.float64]:
+        column = paper_truth[name]
+        return np.asarray(0.7 * column[:-1:20] + 0.3 * column[1::20])
+
+    _, engine = decoded(frames, database, "EngineData")
+    np.testing.assert_allclose(engine["EngineSpeed"] * RPM, at_samples("engine_speed_rad_s"), atol=0.126 * RPM)
+    np.testing.assert_allclose(engine["EngineTorque"], at_samples("engine_torque_nm"), atol=0.501)
+    np.testing.assert_allclose(engine["AcceleratorPedal"] / 100, at_samples("pedal"), atol=0.0021)
+    assert np.any(engine["BrakeActive"] == 1)
+    assert np.any(engine["BrakeActive"] == 0)
+    _, shafts = decoded(frames, database, "InputShafts")
+    for i in (1, 2):
+        true = np.maximum(0.0, at_samples(f"shaft{i}_speed_rad_s"))
+        np.testing.assert_allclose(shafts[f"InputShaft{i}Speed"] * RPM, true, atol=0.126 * RPM)
+    r = paper_vehicle.chassis.wheel_radius_m
+    for message, wheels, name in (
+        ("WheelSpeedsFront", ("FL", "FR"), "wheel_speed_rad_s"),
+        ("WheelSpeedsRear", ("RL", "RR"), "undriven_wheel_speed_rad_s"),
+    ):
+        _, columns = decoded(frames, database, message)
+        for wheel in wheels:
+            true = np.maximum(0.0, at_samples(name)) * r * 3.6
+            np.testing.assert_allclose(columns[f"WheelSpeed{wheel}"], true, atol=0.01563)
+    _, gearbox = decoded(frames, database, "Gearbox")
+    for i in (1, 2):
+        np.testing.assert_allclose(
+            gearbox[f"Clutch{i}Position"], at_samples(f"clutch{i}_position_mm"), atol=0.00501
+        )
+        rows = paper_truth[:-1:20]
+        np.testing.assert_array_equal(
+            gearbox[f"GearShaft{i}"], np.where(rows[f"changing{i}"], 14, rows[f"gear{i}"])
+        )
+    assert 14 in gearbox["GearShaft1"]
+
+
+def test_noise_has_the_stated_size_is_white_and_independent(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    frames = emit_frames(paper_truth, paper_vehicle, LABORATORY, database)
+    moving = slice(2000, 13_500)
+    _, engine = decoded(frames, database, "EngineData")
+    _, shafts = decoded(frames, database, "InputShafts")
+    _, rear = decoded(frames, database, "WheelSpeedsRear")
+    truth = paper_truth[:-1]
+    step = 0.25 * RPM
+    wheel_step = 0.03125 / 3.6 / paper_vehicle.chassis.wheel_radius_m
+    errors = [
+        (engine["EngineSpeed"] * RPM - truth["engine_speed_rad_s"], 0.3, step),
+        (shafts["InputShaft1Speed"] * RPM - truth["shaft1_speed_rad_s"], 0.3, step),
+        (shafts["InputShaft2Speed"] * RPM - truth["shaft2_speed_rad_s"], 0.3, step),
+    ]
+    for wheel in ("RL", "RR"):
+        speed = rear[f"WheelSpeed{wheel}"] / 3.6 / paper_vehicle.chassis.wheel_radius_m
+        errors.append((speed - truth["undriven_wheel_speed_rad_s"], 0.02, wheel_step))
+    series = np.array([error[moving] for error, _, _ in errors])
+    for error, (_, sigma, resolution) in zip(series, errors, strict=True):
+        assert error.std() == pytest.approx(np.hypot(sigma, resolution / np.sqrt(12)), rel=0.03)
+        assert abs(error.mean()) < 5 * sigma / np.sqrt(len(error))
+        assert abs(np.corrcoef(error[1:], error[:-1])[0, 1]) < 0.05
+    assert np.abs(np.corrcoef(series) - np.eye(len(series))).max() < 0.05
+
+
+def test_seed_alone_decides(paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database) -> None:
+    first, again, other = (
+        emit_frames(paper_truth, paper_vehicle, replace(PRODUCTION, seed=seed), database) for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.data, again.data)
+    np.testing.assert_array_equal(first.t_us, again.t_us)
+    assert np.any(first.data != other.data)
+    assert np.any(first.t_us != other.t_us)
+
+
+def test_nominal_torque_may_be_wrong_and_late(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    profile = replace(every_20th_ms(LABORATORY), torque_gain=0.9, torque_offset_nm=7.0, torque_delay_us=40_000)
+    _, engine = decoded(emit_frames(paper_truth, paper_vehicle, profile, database), database, "EngineData")
+    late = paper_truth["engine_torque_nm"][:-1:20]
+    np.testing.assert_allclose(engine["EngineTorque"][2:], 0.9 * late[:-2] + 7.0, atol=0.501)
+
+
+def test_rear_driven_car_swaps_the_axles(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    quiet = replace(every_20th_ms(LABORATORY), noise=QUIET)
+    front, rear = (
+        emit_frames(paper_truth, paper_vehicle, replace(quiet, driven_axle=axle), database)
+        for axle in ("front", "rear")
+    )
+    _, driven = decoded(front, database, "WheelSpeedsFront")
+    _, swapped = decoded(rear, database, "WheelSpeedsRear")
+    np.testing.assert_array_equal(driven["WheelSpeedFL"], swapped["WheelSpeedRL"])
+
+
+def test_emitting_again_continues_counters_without_repeating_noise(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    emitter = FrameEmitter(paper_vehicle, PRODUCTION, database)
+    one = emitter.emit(paper_truth)
+    two = emitter.emit(paper_truth, start_us=length_us(paper_truth))
+    both = Frames.concatenate([one, two])
+    assert np.any(one.data != two.data)
+    for name in PRODUCTION.timing:
+        t, columns = decoded(both, database, name)
+        steps = np.diff(columns[f"{name}Counter"]) % 15
+        assert np.all(steps == 1), name
+        assert np.diff(t).min() > 0
+        assert np.diff(t).max() < 1.1 * PRODUCTION.timing[name].period_us
+
+
+def test_wrong_database_or_profile_is_refused(paper_vehicle: Vehicle, database: Database) -> None:
+    with pytest.raises(DctorqueError, match="demo_car"):
+        FrameEmitter(paper_vehicle, PRODUCTION, Database([]))
+    with pytest.raises(DctorqueError, match="no sensors for message Radio"):
+        FrameEmitter(paper_vehicle, replace(PRODUCTION, timing={"Radio": Timing(1000)}), database)
+    late = replace(PRODUCTION, timing={"EngineData": Timing(1000, jitter_us=1000)})
+    with pytest.raises(DctorqueError, match="jitter"):
+        FrameEmitter(paper_vehicle, late, database)
