@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Self, TextIO, cast
 
 import can
@@ -67,3 +69,20 @@ def each_message(
             lines.begin(header)
         else:
             return
+
+
+@contextmanager
+def warnings_of(logger: str, told: Callable[[], None]) -> Iterator[None]:
+    """Call ``told`` for every warning that python-can logs to ``logger``, instead of showing it."""
+
+    def listen(record: logging.LogRecord) -> bool:
+        if record.levelno < logging.WARNING:
+            return True
+        told()
+        return False
+
+    logging.getLogger(logger).addFilter(listen)
+    try:
+        yield
+    finally:
+        logging.getLogger(logger).removeFilter(listen)

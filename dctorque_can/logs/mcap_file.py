@@ -7,6 +7,7 @@ Here chunks are found by walking the records, and handed on whole.
 from __future__ import annotations
 
 import mmap
+import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -39,6 +40,10 @@ R = TypeVar("R", covariant=True)
 class _Readable(Protocol[R]):
     @staticmethod
     def read(stream: ReadDataStream) -> R: ...
+
+
+class DamagedRecordError(Exception):
+    """The bytes of a record do not say what such a record must say."""
 
 
 @dataclass
@@ -128,8 +133,8 @@ class McapFile:
             elif end > position:
                 try:
                     self._take(position, end)
-                except (McapError, ValueError, IndexError) as error:
-                    self.lost.append(Lost(position, end - position, f"damaged record: {error}"))
+                except DamagedRecordError as error:
+                    self.lost.append(Lost(position, end - position, str(error)))
                 if self._map[position] == Opcode.FOOTER:
                     break
                 position = end
@@ -168,9 +173,17 @@ class McapFile:
             if problem:
                 break
             if self._map[position] == Opcode.CHUNK_INDEX:
-                starts.append(_parse(ChunkIndex, self._map[position:end]).chunk_start_offset)
+                starts.append(self._chunk_start(position, end))
             position = end
-        return sorted(starts)
+        return sorted(start for start in starts if 0 < start < footer_start)
+
+    def _chunk_start(self, start: int, end: int) -> int:
+        """Return where the chunk of an index record begins, 0 if the record is damaged."""
+        try:
+            index: ChunkIndex = _parse(ChunkIndex, self._map[start:end])
+        except DamagedRecordError:
+            return 0
+        return int(index.chunk_start_offset)
 
     def _take(self, start: int, end: int) -> None:
         opcode = self._map[start]
@@ -191,11 +204,7 @@ class McapFile:
             self.profile = _parse(Header, self._map[start:end]).profile
 
     def runs(self) -> Iterator[NDArray[np.uint8]]:
-        """Yield the records of every whole chunk, and runs of messages outside of chunks, in the file's order.
-
-        Raises:
-            LogReadError: a chunk is compressed in a way that is not known.
-        """
+        """Yield the records of every whole chunk, and runs of messages outside of chunks, in the file's order."""
         for start, end, is_chunk in self._pieces:
             self.position = end
             if is_chunk:
@@ -207,9 +216,12 @@ class McapFile:
         self.position = self.size
 
     def _chunk(self, start: int, end: int) -> NDArray[np.uint8] | None:
-        chunk = _parse(Chunk, self._map[start:end])
         try:
-            data = _decompress(chunk, self.path)
+            chunk = _parse(Chunk, self._map[start:end])
+            data = _decompress(chunk)
+        except DamagedRecordError as error:
+            self.lost.append(Lost(start, end - start, str(error)))
+            return None
         except (RuntimeError, zstandard.ZstdError, ValueError, MemoryError):
             self.lost.append(Lost(start, end - start, "a chunk can not be decompressed"))
             return None
@@ -244,18 +256,21 @@ class McapFile:
         self._pieces.clear()
 
 
-def _decompress(chunk: Chunk, path: Path) -> bytes:
+def _decompress(chunk: Chunk) -> bytes:
     if chunk.compression == "lz4":
         return cast(bytes, lz4.frame.decompress(chunk.data))
     if chunk.compression == "zstd":
         return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
     if chunk.compression == "":
         return chunk.data
-    raise LogReadError(f"{path}: chunks are compressed as {chunk.compression!r}; lz4, zstd and none are known")
+    raise DamagedRecordError(f"a chunk is compressed as {chunk.compression!r}; lz4, zstd and none are known")
 
 
 def _parse(kind: type[_Readable[R]], record: bytes) -> R:
-    return kind.read(ReadDataStream(BytesIO(record[RECORD_HEAD:])))
+    try:
+        return kind.read(ReadDataStream(BytesIO(record[RECORD_HEAD:])))
+    except (McapError, ValueError, OverflowError, struct.error) as error:
+        raise DamagedRecordError(f"a damaged record: {error}") from error
 
 
 def _u64(data: mmap.mmap, position: int) -> int:

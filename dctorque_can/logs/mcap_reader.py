@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.errors import LogReadError
-from dctorque_can.logs.mcap_file import McapFile, little_endian
+from dctorque_can.logs.mcap_file import DamagedRecordError, Lost, McapFile, little_endian
 from dctorque_can.logs.mcap_layout import (
     DIRECTION_FLAGS,
     FD_FRAME_TYPE,
@@ -137,7 +137,10 @@ def message_spans(file: McapFile, records: NDArray[np.uint8]) -> Iterator[tuple[
         after = position + RECORD_HEAD + int(little_endian(records, position + 1, 8))
         if not position < after <= len(records):
             break
-        file.definitions.learn(records[position:after].tobytes())
+        try:
+            file.definitions.learn(records[position:after].tobytes())
+        except DamagedRecordError as error:
+            file.lost.append(Lost(file.position, 0, f"in the chunk before it: {error}"))
         position = after
 
 

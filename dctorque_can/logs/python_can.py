@@ -12,7 +12,7 @@ from typing import TextIO
 import can
 
 from dctorque_can.logs.errors import LogReadError
-from dctorque_can.logs.lines import Lines, each_message
+from dctorque_can.logs.lines import Lines, each_message, warnings_of
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.pipeline.frames import Frames
 
@@ -70,6 +70,7 @@ class PythonCanTextFrames:
         self._numbers = ChannelNumbers()
         self._bad_lines = 0
         self._first_bad_line = ""
+        self._last_bad_line = 0
         self._problems: list[str] = []
 
     @property
@@ -88,16 +89,21 @@ class PythonCanTextFrames:
         reader = can.TRCReader if self._suffix == ".trc" else can.CSVReader
         header = "" if self._suffix == ".trc" else "header\n"  # which the CSV reader skips unread
         with self.path.open("rb") as raw, _text(self.path, raw.fileno()) as file:
-            messages = each_message(Lines(file), reader, header, self._count_bad_line)
-            for batch in _batches(self.path, messages, self._numbers, self._problems):
-                self.fraction = min(os.lseek(raw.fileno(), 0, os.SEEK_CUR) / size, 1.0)
-                yield batch
+            lines = Lines(file)
+            messages = each_message(lines, reader, header, self._count_bad_line)
+            with warnings_of("can.io.trc", lambda: self._count_bad_line(lines)):
+                for batch in _batches(self.path, messages, self._numbers, self._problems):
+                    self.fraction = min(os.lseek(raw.fileno(), 0, os.SEEK_CUR) / size, 1.0)
+                    yield batch
         self.fraction = 1.0
 
     def close(self) -> None:
         """Nothing stays open."""
 
     def _count_bad_line(self, lines: Lines) -> None:
+        if lines.count == self._last_bad_line:
+            return
+        self._last_bad_line = lines.count
         if not self._bad_lines:
             self._first_bad_line = f"line {lines.count}: {lines.last.strip()[:60]!r}"
         self._bad_lines += 1

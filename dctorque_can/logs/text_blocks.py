@@ -97,7 +97,7 @@ class TextFrames:
         self._line = 1
         self._bad_lines = 0
         self._first_bad_line = ""
-        self._problems = list(line_format.warnings)
+        self._problems = [f"{path}: {warning}" for warning in line_format.warnings]
 
     @property
     def problems(self) -> list[str]:

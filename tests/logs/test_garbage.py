@@ -1,0 +1,70 @@
+"""Logs with flipped, missing and doubled bytes: never an exception, and nothing made up of nothing."""
+
+import random
+
+import numpy as np
+import pytest
+
+from dctorque_can.logs.convert import write_frames
+from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.reader import open_log
+from dctorque_can.logs.recover import recover
+from dctorque_can.pipeline.frames import FrameFlag, Frames
+
+N = 200
+
+
+def some_frames(fd):
+    frames = Frames.empty(N, 64 if fd else 8)
+    frames.t_us[:] = 1_700_000_000_000_000 + np.arange(N) * 1000
+    frames.can_id[:] = 0x100 + np.arange(N) % 7
+    frames.length[:] = 8
+    frames.data[:, :8] = np.random.default_rng(0).integers(0, 256, (N, 8))
+    if fd:
+        frames.length[::10] = 64
+        frames.flags[::10] = FrameFlag.FD
+    return frames
+
+
+def mutilated(content, rng):
+    damaged = bytearray(content)
+    for _ in range(rng.choice([1, 2, 5, 30])):
+        kind, place = rng.random(), rng.randrange(len(damaged))
+        if kind < 0.6:
+            damaged[place] = rng.choice([0, 255, 10, 13, 32, 48, 35, rng.randrange(256)])
+        elif kind < 0.8:
+            del damaged[place : place + rng.randrange(1, 60)]
+        elif kind < 0.9:
+            damaged[place:place] = damaged[place // 2 : place // 2 + rng.randrange(1, 50)]
+        else:
+            del damaged[place:]
+        if not damaged:
+            break
+    return bytes(damaged)
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".mcap", ".csv", ".trc"])
+def test_mutilated_files_are_read_as_far_as_they_go(tmp_path, suffix, capfd):
+    path, out = tmp_path / f"x{suffix}", tmp_path / "out.mcap"
+    write_frames(path, some_frames(suffix not in (".csv", ".trc")))
+    content = path.read_bytes()
+    rng = random.Random(suffix)
+    opened = 0
+    for _ in range(100):
+        path.write_bytes(mutilated(content, rng))
+        try:
+            log = open_log(path)
+        except LogReadError:
+            continue
+        frames = Frames.concatenate(log.frames())
+        assert len(frames) <= 2 * N
+        assert log.fraction == 1.0
+        assert all(line.startswith(str(path)) for line in log.problems)
+        if suffix == ".mcap":
+            out.unlink(missing_ok=True)
+            recovery = recover(path, out)
+            assert recovery.messages >= len(frames)
+            assert len(Frames.concatenate(open_log(out).frames())) >= len(frames)
+        opened += 1
+    assert opened > 50
+    assert capfd.readouterr().err == ""
