@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.little_endian import little_endian
 from dctorque_can.logs.mcap_layout import RECORD_HEAD
 
 _CHUNK_HEAD = 40  # record head, three u64, crc u32, and the size of the compression's name
@@ -275,15 +276,6 @@ def _parse(kind: type[_Readable[R]], record: bytes) -> R:
 
 def _u64(data: mmap.mmap, position: int) -> int:
     return int.from_bytes(data[position : position + 8], "little")
-
-
-@compiled
-def little_endian(data: NDArray[np.uint8], position: int, size: int) -> int:
-    """Return the unsigned number of ``size`` bytes at ``position``."""
-    value = np.uint64(0)
-    for i in range(size):
-        value |= np.uint64(data[position + i]) << np.uint64(8 * i)
-    return np.int64(value)  # type: ignore[return-value]
 
 
 @compiled

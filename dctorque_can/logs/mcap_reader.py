@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.errors import LogReadError
-from dctorque_can.logs.mcap_file import DamagedRecordError, Lost, McapFile, little_endian
+from dctorque_can.logs.little_endian import little_endian
+from dctorque_can.logs.mcap_file import DamagedRecordError, Lost, McapFile
 from dctorque_can.logs.mcap_layout import (
     DIRECTION_FLAGS,
     FD_FRAME_TYPE,

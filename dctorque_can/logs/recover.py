@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.errors import LogWriteError
+from dctorque_can.logs.little_endian import little_endian
 from dctorque_can.logs.mcap_chunks import ChunkedFile
-from dctorque_can.logs.mcap_file import McapFile, little_endian
+from dctorque_can.logs.mcap_file import McapFile
 from dctorque_can.logs.mcap_layout import MESSAGE_HEAD, RECORD_HEAD
 from dctorque_can.logs.mcap_reader import message_spans
 
