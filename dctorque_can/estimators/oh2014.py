@@ -71,7 +71,6 @@ PAIR = np.dtype(
         ("i_f2", "f8"),
         ("J_es", "f8"),  # J_e1 or J_e2, effective inertia at the side's shaft
         ("R_s", "f8"),  # R_1 or R_2
-        ("D", "f8"),
         ("g_e", "f8"),  # γ_e
         ("g_t", "f8"),  # γ_t
     ],
@@ -142,11 +141,6 @@ def set_pair(pair: Any, c: Any, g1: int, g2: int) -> None:
     pair.i_t2, pair.i_f2, pair.R_2 = i_t2, i_f2, i_t2 * i_f2
     J_1 = c.J_c1 + J_g1
     J_2 = c.J_c2 + J_g2
-    pair.D = 0.0
-    if g1 != 0:
-        pair.D += c.k_t1 * i_f1**2  # D = k_t1 i_f1² + k_t2 i_f2², engaged shafts only
-    if g2 != 0:
-        pair.D += c.k_t2 * i_f2**2
     if g1 != 0:
         pair.side = 1
         pair.R_s = pair.R_1
@@ -189,24 +183,27 @@ def adaptation(pair: Any, w_e: float, a_w: float, eps_e: float, eps_o: float) ->
 
 
 @compiled
-def shaft_torque_rates(c: Any, pair: Any, w_c1: float, w_c2: float, dT_o: float) -> tuple[float, float]:
+def shaft_torque_rates(
+    c: Any, pair: Any, carries_1: bool, carries_2: bool, w_c1: float, w_c2: float, dT_o: float
+) -> tuple[float, float]:
     """Return the model's rates of both clutch torques, first term of (37) and (38), with ω_o from (36).
 
-    A shaft whose gear is not engaged obeys none of these and has left ``D``; its rate is zero.
+    A shaft in neutral obeys none of these, and one whose clutch is open transfers nothing: it leaves (36) and D.
     """
-    if pair.D == 0.0:
-        return 0.0, 0.0
-    twist_1 = twist_2 = 0.0
-    if pair.g1 != 0:
+    D = weighted = twist_1 = twist_2 = 0.0
+    if carries_1:
+        D += c.k_t1 * pair.i_f1**2  # D = k_t1 i_f1² + k_t2 i_f2²
         twist_1 = w_c1 / pair.i_t1
-    if pair.g2 != 0:
+        weighted += c.k_t1 * pair.i_f1 * twist_1
+    if carries_2:
+        D += c.k_t2 * pair.i_f2**2
         twist_2 = w_c2 / pair.i_t2
-    w_o = (c.k_t1 * pair.i_f1 * twist_1 + c.k_t2 * pair.i_f2 * twist_2 - dT_o) / pair.D  # (36)
-    dT_c1 = dT_c2 = 0.0
-    if pair.g1 != 0:
-        dT_c1 = c.k_t1 / pair.i_t1 * (twist_1 - pair.i_f1 * w_o)  # (37)
-    if pair.g2 != 0:
-        dT_c2 = c.k_t2 / pair.i_t2 * (twist_2 - pair.i_f2 * w_o)  # (38)
+        weighted += c.k_t2 * pair.i_f2 * twist_2
+    if D == 0.0:
+        return 0.0, 0.0
+    w_o = (weighted - dT_o) / D  # (36)
+    dT_c1 = c.k_t1 / pair.i_t1 * (twist_1 - pair.i_f1 * w_o) if carries_1 else 0.0  # (37)
+    dT_c2 = c.k_t2 / pair.i_t2 * (twist_2 - pair.i_f2 * w_o) if carries_2 else 0.0  # (38)
     return dT_c1, dT_c2
 
 
@@ -260,7 +257,7 @@ def right_hand_side(
     else:
         rate_o = drive_o
     # the leakage part of dT_o/dt enters (36) and is taken out again by the last term of (37), (38)
-    dT_c1, dT_c2 = shaft_torque_rates(c, pair, w_c1, w_c2, a_w * rate_o)
+    dT_c1, dT_c2 = shaft_torque_rates(c, pair, True, True, w_c1, w_c2, a_w * rate_o)
     T_c1_uio, T_c2_uio = unknown_input_torques(pair, T_c, T_a1, True, True)
     T_e = T_en + w_e * tau_e  # (46)
     T_o = a_w * tau_o  # (47)
@@ -317,7 +314,7 @@ def correct_wheel(s: Any, c: Any, w_w: float, h: float) -> None:
 
 
 @compiled
-def correct_engine(s: Any, c: Any, pair: Any, w_e: float, h: float) -> None:
+def correct_engine(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, w_e: float, h: float) -> None:
     """Take an engine speed sample, ``h`` seconds after the last: (59), (60), (52)."""
     alpha, beta = sampled_gains(c.p_e, h)
     e = w_e - s.w_e
@@ -328,11 +325,11 @@ def correct_engine(s: Any, c: Any, pair: Any, w_e: float, h: float) -> None:
     s.tau_e = min(max(s.tau_e + d_tau_e, -MAX_TAU_E), MAX_TAU_E)
     if c.printed_rate_law:
         _, d_tau_o = adaptation(pair, w_e, s.a_w, 0.0, impulse)
-        add_shaft_torques(s, shaft_torque_rates(c, pair, 0.0, 0.0, s.a_w * d_tau_o))
+        add_shaft_torques(s, shaft_torque_rates(c, pair, carries_1, carries_2, 0.0, 0.0, s.a_w * d_tau_o))
 
 
 @compiled
-def correct_shaft(s: Any, c: Any, pair: Any, w_s: float, h: float) -> None:
+def correct_shaft(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, w_s: float, h: float) -> None:
     """Take a sample of the side's shaft speed: (63), (64), (53)."""
     alpha, beta = sampled_gains(c.p_s, h)
     e = w_s - s.w_s
@@ -340,7 +337,7 @@ def correct_shaft(s: Any, c: Any, pair: Any, w_s: float, h: float) -> None:
     s.T_a += pair.J_es * beta / h * e  # (64)
     _, d_tau_o = adaptation(pair, 0.0, s.a_w, 0.0, pair.J_es * alpha * e)
     s.tau_o = min(max(s.tau_o + d_tau_o, 0.0), MAX_TAU_O * c.J_v)
-    add_shaft_torques(s, shaft_torque_rates(c, pair, 0.0, 0.0, s.a_w * d_tau_o))
+    add_shaft_torques(s, shaft_torque_rates(c, pair, carries_1, carries_2, 0.0, 0.0, s.a_w * d_tau_o))
 
 
 @compiled

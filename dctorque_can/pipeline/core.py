@@ -74,7 +74,7 @@ CORE = np.dtype(
         ("wheel_us", "i8"),
         ("w_c", "f8", (2,)),  # shaft speeds, carried on between their frames by the model
         ("w_c_last", "f8", (2,)),  # … as they were at the last use in (36)
-        ("twist_us", "i8"),
+        ("twist_us", "i8"),  # when the shafts were last compared; NEVER: not since the gears changed
         ("gear", "i8", (2,)),
         ("gear_known", "u1", (2,)),
         ("gear_candidate", "i8", (2,)),
@@ -276,19 +276,56 @@ def advance(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_us:
         dt = (until - core.t_us) * 1e-6
         core.t_us = until
         if core.running:
-            dw_s = oh2014.shaft_acceleration(s, c, pair)
             oh2014.predict(s, c, pair, core.value[_ENGINE_TORQUE], dt)
-            if pair.side != 0:
-                if pair.g1 != 0:
-                    core.w_c[0] += dt * dw_s * pair.R_1 / pair.R_s
-                if pair.g2 != 0:
-                    core.w_c[1] += dt * dw_s * pair.R_2 / pair.R_s
+            core.w_c[0] += dt * s.a_w * pair.R_1  # zero in neutral
+            core.w_c[1] += dt * s.a_w * pair.R_2
 
 
 @compiled
 def interval(t_us: int, last_us: int) -> float:
     """Return the seconds between two samples of one speed, bounded away from zero and from long silences."""
     return min(max((t_us - last_us) * 1e-6, 1e-4), MAX_SAMPLE_INTERVAL)
+
+
+@compiled
+def take_gears(core: Any, s: Any, c: Any, pair: Any) -> None:
+    """Hand changed gears to the observer; a shaft speed from before says nothing about the new gear."""
+    if core.gear[0] == pair.g1 and core.gear[1] == pair.g2:
+        return
+    if core.gear[0] != pair.g1:
+        core.shaft_us[0] = NEVER
+    if core.gear[1] != pair.g2:
+        core.shaft_us[1] = NEVER
+    oh2014.change_gears(s, c, pair, core.gear[0], core.gear[1], core.w_c[0], core.w_c[1])
+    core.twist_us = NEVER
+
+
+@compiled
+def correct_shafts(core: Any, s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool) -> None:
+    """Let new input-shaft speeds take effect: on the clutch-side observer, and by their twist on both torques."""
+    if not (core.fresh[_SPEED_1] or core.fresh[_SPEED_1 + 1]):
+        return
+    for i in range(2):
+        if not core.fresh[_SPEED_1 + i]:
+            continue
+        if pair.side == i + 1:
+            if core.shaft_us[i] == NEVER:
+                s.w_s = core.w_c[i]
+            else:
+                h = interval(core.t_us, core.shaft_us[i])
+                oh2014.correct_shaft(s, c, pair, carries_1, carries_2, core.w_c[i], h)
+        core.shaft_us[i] = core.t_us
+    if core.shaft_us[0] == NEVER or core.shaft_us[1] == NEVER:
+        return
+    if core.twist_us != NEVER:
+        # trapezoidal rule over the time since both shafts were last compared
+        w_c1 = 0.5 * (core.w_c[0] + core.w_c_last[0])
+        w_c2 = 0.5 * (core.w_c[1] + core.w_c_last[1])
+        dT_c1, dT_c2 = oh2014.shaft_torque_rates(c, pair, carries_1, carries_2, w_c1, w_c2, 0.0)
+        dt = (core.t_us - core.twist_us) * 1e-6
+        oh2014.add_shaft_torques(s, (dt * dT_c1, dt * dT_c2))
+    core.twist_us = core.t_us
+    core.w_c_last[0], core.w_c_last[1] = core.w_c[0], core.w_c[1]
 
 
 @compiled
@@ -305,10 +342,7 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
         return
     if not core.running:
         restart(core, rules, s, c, pair)
-    if core.gear[0] != pair.g1 or core.gear[1] != pair.g2:
-        oh2014.change_gears(s, c, pair, core.gear[0], core.gear[1], core.w_c[0], core.w_c[1])
-        core.twist_us = core.t_us
-        core.w_c_last[0], core.w_c_last[1] = core.w_c[0], core.w_c[1]
+    take_gears(core, s, c, pair)
     gating = c.gating
     carries_1 = pair.g1 != 0 and (core.closed[0] or not gating)
     carries_2 = pair.g2 != 0 and (core.closed[1] or not gating)
@@ -318,22 +352,10 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
         oh2014.correct_wheel(s, c, w_w, interval(core.t_us, core.wheel_us))
         core.wheel_us = core.t_us
     if core.fresh[_ENGINE_SPEED]:
-        oh2014.correct_engine(s, c, pair, core.value[_ENGINE_SPEED], interval(core.t_us, core.engine_us))
+        h = interval(core.t_us, core.engine_us)
+        oh2014.correct_engine(s, c, pair, carries_1, carries_2, core.value[_ENGINE_SPEED], h)
         core.engine_us = core.t_us
-    for i in range(2):
-        if core.fresh[_SPEED_1 + i]:
-            if pair.side == i + 1:
-                oh2014.correct_shaft(s, c, pair, core.w_c[i], interval(core.t_us, core.shaft_us[i]))
-            core.shaft_us[i] = core.t_us
-    if core.fresh[_SPEED_1] or core.fresh[_SPEED_1 + 1]:
-        # trapezoidal rule over the time since both shafts were last compared
-        w_c1 = 0.5 * (core.w_c[0] + core.w_c_last[0])
-        w_c2 = 0.5 * (core.w_c[1] + core.w_c_last[1])
-        dT_c1, dT_c2 = oh2014.shaft_torque_rates(c, pair, w_c1, w_c2, 0.0)
-        dt = (core.t_us - core.twist_us) * 1e-6
-        oh2014.add_shaft_torques(s, (dt * dT_c1, dt * dT_c2))
-        core.twist_us = core.t_us
-        core.w_c_last[0], core.w_c_last[1] = core.w_c[0], core.w_c[1]
+    correct_shafts(core, s, c, pair, carries_1, carries_2)
     elapsed_us = core.t_us - core.settled_us
     if oh2014.settle(s, c, pair, carries_1, carries_2, elapsed_us * 1e-6):
         core.learned_us += elapsed_us

@@ -162,20 +162,22 @@ def test_sampled_engine_observer_has_the_designed_poles(h):
         state["w_e"], state["T_c"] = start
         oh2014.predict(state[0], constants[0], pair[0], 0.0, h)
         state["tau_e"] = 0.0
-        oh2014.correct_engine(state[0], constants[0], pair[0], 0.0, h)
+        oh2014.correct_engine(state[0], constants[0], pair[0], True, True, 0.0, h)
         columns.append([state["w_e"][0], state["T_c"][0]])
     eigenvalues = np.linalg.eigvals(np.array(columns).T)
     np.testing.assert_allclose(eigenvalues, np.exp(-p * h), rtol=1e-6)
 
 
-def test_neutral_shaft_leaves_the_model():
-    """With gear 2 being changed, the twist of shaft 2 says nothing: D is shaft 1's alone and T_c1 has no rate."""
-    constants, pair = observer(g1=1, g2=0)
-    gear = VEHICLE.gear(1)
-    assert pair["D"][0] == pytest.approx(VEHICLE.shafts[0].transfer_stiffness_nm_per_rad * gear.final_drive**2)
-    assert oh2014.shaft_torque_rates(constants[0], pair[0], 150.0, 900.0, 0.0) == pytest.approx((0.0, 0.0))
-    constants, pair = observer(g1=0, g2=2)
-    assert pair["side"][0] == 2
+def test_only_shafts_that_carry_twist():
+    """With shaft 2 in neutral or clutch 2 open, shaft 2 says nothing, and all of T_o is on shaft 1: dT_c1 = dT_o/R_1."""
+    constants, pair = observer(g1=1, g2=2)
+    rates = oh2014.shaft_torque_rates(constants[0], pair[0], True, False, 150.0, 900.0, 500.0)
+    assert rates == pytest.approx((500.0 / VEHICLE.gear(1).total_ratio, 0.0))
+    rates = oh2014.shaft_torque_rates(constants[0], pair[0], False, True, 150.0, 900.0, 500.0)
+    assert rates == pytest.approx((0.0, 500.0 / VEHICLE.gear(2).total_ratio))
+    both = oh2014.shaft_torque_rates(constants[0], pair[0], True, True, 150.0, 900.0, 500.0)
+    assert VEHICLE.gear(1).total_ratio * both[0] + VEHICLE.gear(2).total_ratio * both[1] == pytest.approx(500.0)
+    assert observer(g1=0, g2=2)[1]["side"][0] == 2
 
 
 def test_mirrored_solution_agrees_with_65_and_66():

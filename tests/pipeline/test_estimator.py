@@ -333,6 +333,24 @@ def test_gears_from_speed_ratios():
     assert at[2900]["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.5)
 
 
+def test_gear_change_on_the_free_shaft_leaves_the_other_clutch_alone():
+    """Shaft 1 goes from first to third while clutch 2 drives; its old speed must not be read as twist."""
+    values, _, _ = locked_in_first()
+
+    def changing(t):
+        now = values(t)
+        now |= {Q.CLUTCH1_POSITION: 0.0, Q.CLUTCH2_POSITION: 10.0, Q.ENGINE_SPEED: now[Q.SHAFT2_SPEED]}
+        share = min(max((t - 1.0) / 0.1, 0.0), 1.0)  # synchronised within 100 ms
+        now[Q.SHAFT1_SPEED] *= 1.0 + share * (R[3] / R[1] - 1.0)
+        now[Q.GEAR1] = 1 if share == 0.0 else 3 if share == 1.0 else 0
+        return now
+
+    rows = Estimator(SETTINGS).feed(traffic(2.0, changing)).rows
+    around = rows[(rows["t_us"] > 900_000) & (rows["t_us"] < 1_500_000)]
+    assert {int(g) for g in around["gear1"]} == {1, 0, 3}
+    assert np.ptp(around["clutch2_torque_nm"]) < 2.0
+
+
 def test_wrong_gear_signal_is_implausible():
     values, _, _ = locked_in_first()
     rows = Estimator(SETTINGS).feed(traffic(2.0, lambda t: values(t) | {Q.GEAR1: 3})).rows
