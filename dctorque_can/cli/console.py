@@ -52,11 +52,10 @@ def progress_bar(description: str, show: bool = True) -> Iterator[Callable[[floa
 @contextmanager
 def activity(description: str, show: bool = True) -> Iterator[None]:
     """Show that something of unknown length is going on: a spinner on a terminal, one line elsewhere."""
-    if not show:
-        yield
-    elif STDERR.is_terminal:
+    if show and STDERR.is_terminal:
         with STDERR.status(escape(description)):
             yield
-    else:
+        return
+    if show:
         say(description)
-        yield
+    yield

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from dctorque_can.cli import configuration
-from dctorque_can.cli.console import STDOUT, activity, fail, print_json, progress_bar, say
+from dctorque_can.cli.console import STDERR, STDOUT, activity, fail, print_json, progress_bar, say
 from dctorque_can.cli.figures import errors_table
 from dctorque_can.cli.options import (
     DriveChoice,
@@ -39,7 +39,7 @@ def demo(
 
     The frames go as fast as the service takes them. Estimates are compared with the truth over the whole drive.
     """
-    with activity("loading"):
+    with activity("loading", show=STDERR.is_terminal):
         from dctorque_can.daemon.demo import Demo
         from dctorque_can.daemon.simulated_car import DriveName, ProfileName, simulate_car
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dctorque_can.cli import configuration
-from dctorque_can.cli.console import STDOUT, activity, fail, print_json, progress_bar, say, warn
+from dctorque_can.cli.console import STDERR, STDOUT, activity, fail, print_json, progress_bar, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.figures import errors_table
 from dctorque_can.cli.options import (
@@ -60,7 +60,7 @@ def replay(
     if output is not None and output.suffix.lower() != ".mcap":
         raise typer.BadParameter(f"{output}: the result is an MCAP log; end its name in .mcap", param_hint="-o")
     with ExitStack() as stack:
-        with activity("loading", show=False):
+        with activity("loading", show=STDERR.is_terminal):
             from dctorque_can.daemon.output_file import refuse_existing
             from dctorque_can.daemon.replay import ReplayContent, ReplayTargets, replay_logs
             from dctorque_can.logs.reader import open_log

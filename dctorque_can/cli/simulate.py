@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dctorque_can.cli import configuration
-from dctorque_can.cli.console import activity, fail, print_json, progress_bar, say
+from dctorque_can.cli.console import STDERR, activity, fail, print_json, progress_bar, say
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.options import (
     ChannelOption,
@@ -56,7 +56,7 @@ def simulate(
     """
     if output is None and interface is None and channel is None:
         raise typer.BadParameter("say where to: -o LOG, or --interface and --channel of a bus")
-    with activity("loading"):
+    with activity("loading", show=STDERR.is_terminal):
         from dctorque_can.daemon.output_file import refuse_existing
         from dctorque_can.daemon.simulated_car import (
             DriveName,
@@ -73,7 +73,7 @@ def simulate(
         simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration)
     result: dict[str, Any] = {"frames": len(simulated.frames), "seconds": simulated.seconds}
     if output is not None:
-        with activity(f"writing {output}"):
+        with activity(f"writing {output}", show=STDERR.is_terminal):
             truth = write_log(loaded, simulated, output)
         result |= {"log": str(output), "truth": str(truth)}
         say(f"{len(simulated.frames)} frames of the {simulated.name} in {output}, the truth in {truth}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import socket
 import time
 from collections.abc import Callable, Mapping
@@ -92,9 +93,8 @@ def _refuse_down(bus: can.BusABC) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    if isinstance(error, can.CanError) and error.args:
-        return str(error.args[0])  # without the number that its text adds
-    return str(getattr(error, "strerror", None) or error) or type(error).__name__
+    text = str(getattr(error, "strerror", None) or error) or type(error).__name__
+    return re.sub(r" \[Error Code -?\d+\]$", "", text)
 
 
 def _hint(error: BaseException, channel: object) -> str:

@@ -15,7 +15,7 @@ def refuse_existing(output: Path, inputs: Sequence[Path], force: bool) -> None:
         DctorqueError: it is an input too, or it exists and ``force`` is false, or its directory does not exist.
     """
     if any(path.exists() and output.exists() and path.samefile(output) for path in inputs):
-        raise DctorqueError(f"{output}: is the input too; give the output another name")
+        raise DctorqueError(f"{output}: is an input too; give the output another name")
     if output.is_dir():
         raise DctorqueError(f"{output}: is a directory; give the name of a file")
     if output.exists() and not force:

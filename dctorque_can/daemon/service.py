@@ -38,7 +38,7 @@ class Summary:
 
     Attributes:
         seconds: from ready to stop.
-        cpu_share: processor time of this process over ``seconds``; the log writer is another process.
+        cpu_share: processor time of the service's thread over ``seconds``; the log writer is another process.
         frames: received.
         estimates: given.
         published: frames sent.
@@ -156,7 +156,7 @@ class Service:
 
     def run(self, duration_s: float | None = None) -> Summary:
         """Serve until `stop`, or for ``duration_s``; the log is closed afterwards."""
-        began_s, began_cpu_s = time.monotonic(), time.process_time()
+        began_s, began_cpu_s = time.monotonic(), time.thread_time()
         until_s = began_s + duration_s if duration_s is not None else float("inf")
         self._systemd.ready()
         try:
@@ -167,7 +167,7 @@ class Service:
                     self._take(messages)
                 now_s = time.monotonic()
                 self._keep_time(now_s)
-            seconds, cpu_s = now_s - began_s, time.process_time() - began_cpu_s
+            seconds, cpu_s = now_s - began_s, time.thread_time() - began_cpu_s
         finally:
             self._systemd.stopping()
             self._link.close()

@@ -13,7 +13,8 @@ class Systemd:
     """Notifications of one service."""
 
     def __init__(self) -> None:
-        self._notifier = SystemdNotifier()
+        # Without systemd the notifier would open a socket for nothing, and never close it.
+        self._notifier = SystemdNotifier() if "NOTIFY_SOCKET" in os.environ else None
         self._watchdog_s = int(os.environ.get("WATCHDOG_USEC", "0")) / 1e6 / 3
         self._next_watchdog_s = 0.0
         self._next_status_s = 0.0
@@ -21,19 +22,23 @@ class Systemd:
 
     def ready(self) -> None:
         """Tell that the service runs."""
-        self._notifier.notify("READY=1")
+        self._notify("READY=1")
 
     def stopping(self) -> None:
         """Tell that the service ends."""
-        self._notifier.notify("STOPPING=1")
+        self._notify("STOPPING=1")
 
     def keep_time(self, now_s: float, frames: int, state: str) -> None:
         """Feed the watchdog and tell the state, when it is time; ``frames`` counts since the start."""
         if self._watchdog_s and now_s >= self._next_watchdog_s:
             self._next_watchdog_s = now_s + self._watchdog_s
-            self._notifier.notify("WATCHDOG=1")
+            self._notify("WATCHDOG=1")
         if now_s >= self._next_status_s:
             rate = (frames - self._frames) / STATUS_PERIOD_S
             self._frames = frames
             self._next_status_s = now_s + STATUS_PERIOD_S
-            self._notifier.notify(f"STATUS={state}, {rate:.0f} frames/s, {frames} in all")
+            self._notify(f"STATUS={state}, {rate:.0f} frames/s, {frames} in all")
+
+    def _notify(self, state: str) -> None:
+        if self._notifier is not None:
+            self._notifier.notify(state)

@@ -1,0 +1,40 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dctorque_can.analysis.plot import drive_figure, save_figure
+from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.estimates import ESTIMATE
+
+
+@pytest.fixture
+def estimates() -> np.ndarray:
+    rows = np.zeros(100, ESTIMATE)
+    rows["t_us"] = 1_704_067_200_000_000 + 10_000 * np.arange(100)
+    rows["clutch1_torque_nm"] = np.arange(100)
+    return rows
+
+
+def test_every_panel_has_a_name_and_a_unit(estimates: np.ndarray) -> None:
+    figure = drive_figure(estimates, estimates, "a drive")
+    labels = [axis.get_ylabel() for axis in figure.axes]
+    for name in ("Speed [rpm]", "Clutch 1 torque [N·m]", "Clutch 2 torque [N·m]", "Output torque [N·m]"):
+        assert name in labels
+    assert "Time [s]" in [axis.get_xlabel() for axis in figure.axes]
+    clutch1 = figure.axes[labels.index("Clutch 1 torque [N·m]")]
+    true, estimated = clutch1.get_lines()
+    np.testing.assert_allclose(estimated.get_xdata(), 0.01 * np.arange(100))
+    np.testing.assert_array_equal(true.get_ydata(), np.arange(100))
+
+
+def test_a_picture_is_written_without_truth_too(estimates: np.ndarray, tmp_path: Path) -> None:
+    save_figure(drive_figure(estimates, None, "a drive"), tmp_path / "drive.png")
+    assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_failures_are_clear(estimates: np.ndarray) -> None:
+    with pytest.raises(DctorqueError, match="no estimates"):
+        drive_figure(estimates[:0], None, "")
+    with pytest.raises(DctorqueError, match="/nowhere/x.png: the plot cannot be written"):
+        save_figure(drive_figure(estimates, None, ""), Path("/nowhere/x.png"))

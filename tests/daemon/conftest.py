@@ -1,0 +1,43 @@
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from pathlib import Path
+
+import can
+import pytest
+
+from dctorque_can.config.load import Config, load_config
+from dctorque_can.daemon.link import open_bus
+from dctorque_can.daemon.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car
+from dctorque_can.resources import shipped_config
+
+_numbers = count()
+
+
+@pytest.fixture
+def config() -> Config:
+    """The paper's car on a virtual bus of its own."""
+    channel = f"test {next(_numbers)}"
+    return load_config(
+        shipped_config("paper_car"),
+        {"can.interface": "virtual", "can.channel": channel, "output.enabled": "true"},
+    )
+
+
+@pytest.fixture
+def connect(config: Config) -> Callable[[], can.BusABC]:
+    return partial(open_bus, config.can.arguments())
+
+
+@pytest.fixture(scope="session")
+def drive() -> SimulatedDrive:
+    """Launch and first upshift with production signals."""
+    config = load_config(shipped_config("paper_car"))
+    drive = simulate_car(config, DriveName.PAPER, ProfileName.PRODUCTION, seed=3, duration_s=7.0)
+    drive.frames.t_us[:] -= drive.frames.t_us[0] % 1_000_000  # begins with a full second
+    return drive
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "logs"

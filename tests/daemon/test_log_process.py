@@ -1,0 +1,161 @@
+"""The log writer is killed, starved and filled up; every frame is either in a log or counted as missing."""
+
+import os
+import resource
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dctorque_can.config.load import Config
+from dctorque_can.daemon.log_plan import LogPlan, plan_for
+from dctorque_can.daemon.log_process import LogProcess
+from dctorque_can.daemon.log_protocol import frames_message
+from dctorque_can.errors import DctorqueError
+from dctorque_can.logs.reader import open_log
+from dctorque_can.pipeline.frames import Frames
+
+BATCH = 500
+
+
+def batch(number: int) -> bytes:
+    frames = Frames.empty(BATCH)
+    frames.t_us[:] = np.arange(BATCH) * 1000 + (1 + number) * 1_000_000
+    frames.can_id[:] = 0x100
+    frames.length[:] = 8
+    frames.data[:] = np.random.default_rng(number).integers(0, 256, (BATCH, 8), dtype=np.uint8)
+    return frames_message(frames)
+
+
+def frames_in(path: Path) -> int:
+    with open_log(path) as log:
+        return sum(len(frames) for frames in log.frames())
+
+
+def wait_until(process: LogProcess, condition: str, limit_s: float = 20.0) -> None:
+    limit = time.monotonic() + limit_s
+    while not eval(condition, {"counts": process.counts}):
+        assert time.monotonic() < limit, f"{condition}: {process.counts}"
+        process.pump()
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def plan(config: Config, folder: Path) -> LogPlan:
+    return plan_for(config, folder / "x.mcap")
+
+
+@pytest.fixture
+def process(config: Config, plan: LogPlan) -> Iterator[LogProcess]:
+    process = LogProcess(plan, config.documents)
+    process.open()
+    yield process
+    process.close()
+
+
+def worker_pid(process: LogProcess) -> int:
+    assert process._process is not None
+    return process._process.pid
+
+
+def test_everything_handed_over_is_written(process: LogProcess, config: Config) -> None:
+    for number in range(20):
+        process.hand_over(batch(number), BATCH)
+        process.pump()
+    process.close()
+    assert process.counts.written == 20 * BATCH
+    assert process.counts.dropped == 0
+    (path,) = process.counts.paths
+    assert frames_in(path) == 20 * BATCH
+    with open_log(path) as log:
+        assert log.documents == config.documents
+
+
+def test_a_killed_writer_is_replaced_and_its_frames_are_counted(process: LogProcess) -> None:
+    process.hand_over(batch(0), BATCH)
+    wait_until(process, f"counts.written == {BATCH}")  # flushed: safe from here on
+    os.kill(worker_pid(process), signal.SIGKILL)
+    wait_until(process, "counts.restarts == 1 and len(counts.paths) == 2")
+    process.hand_over(batch(1), BATCH)
+    process.close()
+    first, second = process.counts.paths
+    assert frames_in(first) == BATCH
+    assert frames_in(second) == BATCH
+    assert process.counts.written + process.counts.dropped == 2 * BATCH
+
+
+def test_a_stopped_writer_never_holds_up_the_service(process: LogProcess) -> None:
+    pid = worker_pid(process)
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        longest = 0.0
+        for number in range(3000):  # 17 MB: more than any pipe takes
+            began = time.monotonic()
+            process.hand_over(batch(number % 4), BATCH)
+            process.pump()
+            longest = max(longest, time.monotonic() - began)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    assert longest < 0.5
+    process.close()
+    assert process.counts.written + process.counts.dropped == 3000 * BATCH
+
+
+def test_a_full_disk_is_told_and_counted(process: LogProcess) -> None:
+    """The file size limit of the writer stands for the end of the disk."""
+    resource.prlimit(worker_pid(process), resource.RLIMIT_FSIZE, (100_000, 100_000))
+    process.hand_over(batch(0), BATCH)
+    wait_until(process, f"counts.written == {BATCH}")
+    for number in range(1, 40):
+        process.hand_over(batch(number), BATCH)
+        process.pump()
+    wait_until(process, "counts.failures")
+    process.close()
+    assert "x.mcap" in process.counts.failures[0]
+    assert "File too large" in process.counts.failures[0]
+    assert process.counts.dropped > 0
+    assert process.counts.written + process.counts.dropped == 40 * BATCH
+    assert frames_in(process.counts.paths[0]) >= process.counts.written > 0
+
+
+def test_rotation_by_hand_makes_two_whole_logs(process: LogProcess) -> None:
+    process.hand_over(batch(0), BATCH)
+    process.rotate()
+    process.hand_over(batch(1), BATCH)
+    process.close()
+    assert [frames_in(path) for path in process.counts.paths] == [BATCH, BATCH]
+
+
+def test_logs_rotate_by_size(config: Config, folder: Path) -> None:
+    plan = plan_for(config, folder / "x.mcap")
+    small = LogPlan(plan.folder, flush_s=0.05, rotate_mb=0.05, rotate_s=0, signals=False, metadata={})
+    process = LogProcess(small, config.documents)
+    process.open()
+    for number in range(4):
+        process.hand_over(batch(number), BATCH)
+        wait_until(process, f"counts.written >= {BATCH * (number + 1)}")
+    process.close()
+    assert len(process.counts.paths) >= 3
+    assert sum(frames_in(path) for path in process.counts.paths) == 4 * BATCH
+
+
+def test_a_log_that_cannot_be_created_is_one_clear_error(config: Config) -> None:
+    process = LogProcess(plan_for(config, Path("/proc/nowhere/x.mcap")), config.documents)
+    with pytest.raises(DctorqueError, match="/proc/nowhere"):
+        process.open()
+
+
+def test_decoded_signals_are_written_on_request(config: Config, folder: Path, drive: object) -> None:
+    from dctorque_can.logs.mcap_reader import read_table
+
+    plan = plan_for(config, folder / "x.mcap")
+    process = LogProcess(LogPlan(plan.folder, 0.2, 0, 0, True, {}), config.documents)
+    process.open()
+    process.hand_over(frames_message(drive.frames[:400]), 400)  # type: ignore[attr-defined]
+    process.close()
+    rows = read_table(folder / "x.mcap", "/signals/EngineData")
+    assert len(rows) == 100
+    assert 700 < rows["engine_speed"][0] < 900  # rpm, idling

@@ -1,0 +1,116 @@
+"""Logs of any kind through the chain: whole, cut off, in parts, with and without their configuration."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dctorque_can.config.load import Config
+from dctorque_can.daemon.output_file import refuse_existing
+from dctorque_can.daemon.replay import ReplayContent, ReplayResult, ReplayTargets, config_of, replay_logs
+from dctorque_can.daemon.simulated_car import SimulatedDrive, write_log
+from dctorque_can.errors import DctorqueError
+from dctorque_can.logs.convert import write_frames
+from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.reader import open_log
+from dctorque_can.logs.table import ESTIMATES
+
+
+def run(paths: list[Path], config: Config, output: Path, content: ReplayContent | None = None) -> ReplayResult:
+    logs = [open_log(path) for path in paths]
+    return replay_logs(logs, config, ReplayTargets(output), content or ReplayContent(), lambda fraction: None)
+
+
+@pytest.fixture
+def log(config: Config, drive: SimulatedDrive, tmp_path: Path) -> Path:
+    write_log(config, drive, tmp_path / "drive.mcap")
+    return tmp_path / "drive.mcap"
+
+
+def test_two_parts_are_one_sequence(config: Config, drive: SimulatedDrive, tmp_path: Path) -> None:
+    whole, one, two = (tmp_path / f"{name}.mcap" for name in ("whole", "one", "two"))
+    write_frames(whole, drive.frames)
+    write_frames(one, drive.frames[:1111])
+    write_frames(two, drive.frames[1111:])
+    run([whole], config, tmp_path / "a.mcap")
+    run([one, two], config, tmp_path / "b.mcap")
+    a, b = (read_table(tmp_path / name, ESTIMATES) for name in ("a.mcap", "b.mcap"))
+    assert a.tobytes() == b.tobytes()
+
+
+def test_a_log_brings_its_configuration_and_overrides_reach_it(log: Path) -> None:
+    with open_log(log) as reader:
+        assert config_of([reader], {}).name == "paper car"
+        slower = config_of([reader], {"estimator.period_ms": "50"})
+    assert slower.settings.estimate_period_us == 50_000
+
+
+def test_a_log_without_configuration_asks_for_one(drive: SimulatedDrive, tmp_path: Path) -> None:
+    write_frames(tmp_path / "bare.blf", drive.frames[:10])
+    with open_log(tmp_path / "bare.blf") as reader, pytest.raises(DctorqueError, match="--config"):
+        config_of([reader], {})
+
+
+def test_the_result_holds_what_was_asked_for(log: Path, config: Config, tmp_path: Path) -> None:
+    output = tmp_path / "all.mcap"
+    result = run([log], config, output, ReplayContent(frames=True, signals=True, truth=True))
+    assert result.errors is not None
+    assert result.errors["clutch1_nm"].rms < 10
+    assert len(read_table(output, ESTIMATES)) == result.estimates
+    assert len(read_table(output, "/signals/Gearbox")) == pytest.approx(result.frames / 4, abs=2)
+    assert len(read_table(output, "/dctorque/truth")) == 7001
+    with open_log(output) as reader:
+        assert sum(len(frames) for frames in reader.frames()) == result.frames
+        assert reader.documents == config.documents
+
+
+def test_a_cut_off_log_is_used_as_far_as_it_goes(log: Path, config: Config, tmp_path: Path) -> None:
+    whole = run([log], config, tmp_path / "whole.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    part = run([cut], config, tmp_path / "part.mcap")
+    assert 0 < part.frames <= whole.frames
+    assert part.problems
+    assert "cut.mcap" in part.problems[0]
+    estimates = read_table(tmp_path / "part.mcap", ESTIMATES)
+    np.testing.assert_array_equal(estimates, read_table(tmp_path / "whole.mcap", ESTIMATES)[: len(estimates)])
+
+
+def test_a_failure_leaves_no_half_result(log: Path, config: Config, tmp_path: Path) -> None:
+    bare = tmp_path / "bare.mcap"
+    write_frames(bare, open_frames(log))
+    with pytest.raises(DctorqueError, match="/dctorque/truth"):
+        run([bare], config, tmp_path / "out.mcap", ReplayContent(truth=True))
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def open_frames(path: Path):
+    with open_log(path) as reader:
+        yield from reader.frames()
+
+
+def test_a_full_disk_is_one_clear_error(log: Path, config: Config) -> None:
+    with pytest.raises(DctorqueError, match="/dev/full.*No space left"):
+        run([log], config, Path("/dev/full"))
+
+
+@pytest.mark.parametrize(
+    ("name", "force", "text"),
+    [
+        ("old.mcap", False, "exists already"),
+        ("input.blf", True, "is an input too"),
+        ("folder", True, "is a directory"),
+        ("nowhere/new.mcap", True, "no such directory"),
+        ("new.mcap", False, ""),
+        ("old.mcap", True, ""),
+    ],
+)
+def test_nothing_is_overwritten_by_accident(tmp_path: Path, name: str, force: bool, text: str) -> None:
+    for existing in ("old.mcap", "input.blf"):
+        (tmp_path / existing).touch()
+    (tmp_path / "folder").mkdir()
+    if text:
+        with pytest.raises(DctorqueError, match=text):
+            refuse_existing(tmp_path / name, [tmp_path / "input.blf"], force)
+    else:
+        refuse_existing(tmp_path / name, [tmp_path / "input.blf"], force)

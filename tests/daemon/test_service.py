@@ -1,0 +1,219 @@
+"""The service on a virtual bus: nothing lost, nothing different from a replay."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from dctorque_can.config.load import Config
+from dctorque_can.daemon.link import BusError, BusLink
+from dctorque_can.daemon.log_plan import plan_for
+from dctorque_can.daemon.playback import Player
+from dctorque_can.daemon.replay import ReplayContent, ReplayTargets, replay_logs
+from dctorque_can.daemon.service import Service, Summary
+from dctorque_can.daemon.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car
+from dctorque_can.logs.convert import write_frames
+from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.messages import message_from_frame
+from dctorque_can.logs.reader import open_log
+from dctorque_can.logs.table import ESTIMATES, HEALTH
+from dctorque_can.pipeline.frames import FrameFlag, Frames
+
+Connect = Callable[[], can.BusABC]
+
+
+@dataclass
+class Live:
+    """A service in a thread."""
+
+    service: Service
+    thread: threading.Thread
+    told: list[str]
+    summaries: list[Summary]
+
+    def wait_for(self, frames: int) -> None:
+        limit = time.monotonic() + 30
+        while self.service.received < frames:
+            assert time.monotonic() < limit, f"{self.service.received} of {frames} frames"
+            time.sleep(0.002)
+
+    def stop(self) -> Summary:
+        self.service.stop()
+        self.thread.join(30)
+        (summary,) = self.summaries
+        return summary
+
+
+def start(config: Config, connect: Connect, log: Path | None) -> Live:
+    told: list[str] = []
+    plan = None if log is None else plan_for(config, log)
+    service = Service(config, connect, plan, lambda is_error, text: told.append(text))
+    service.prepare()
+    summaries: list[Summary] = []
+    thread = threading.Thread(target=lambda: summaries.append(service.run()))
+    thread.start()
+    return Live(service, thread, told, summaries)
+
+
+def send(connect: Connect, frames: Frames) -> None:
+    with connect() as bus:
+        for i in range(len(frames)):
+            bus.send(message_from_frame(frames, i))
+
+
+def replayed(path: Path, config: Config, output: Path) -> Path:
+    with open_log(path) as log:
+        replay_logs([log], config, ReplayTargets(output), ReplayContent(), lambda fraction: None)
+    return output
+
+
+@pytest.fixture
+def live_log(config: Config, connect: Connect, drive: SimulatedDrive, folder: Path) -> Path:
+    live = start(config, connect, folder / "live.mcap")
+    send(connect, drive.frames)
+    live.wait_for(len(drive.frames))
+    summary = live.stop()
+    assert summary.complete
+    assert summary.frames == len(drive.frames)
+    assert summary.log is not None
+    assert summary.log.written == summary.frames + summary.published
+    assert summary.published > 500
+    return folder / "live.mcap"
+
+
+def test_a_replay_of_a_live_log_gives_the_same_bits(live_log: Path, config: Config, tmp_path: Path) -> None:
+    again = replayed(live_log, config, tmp_path / "again.mcap")
+    live, offline = read_table(live_log, ESTIMATES), read_table(again, ESTIMATES)
+    assert len(live) > 2000
+    assert live.tobytes() == offline.tobytes()
+    assert read_table(live_log, HEALTH).tobytes() == read_table(again, HEALTH).tobytes()
+
+
+def test_a_replay_of_the_same_frames_in_asc_gives_the_same_bits(
+    live_log: Path, config: Config, tmp_path: Path
+) -> None:
+    """ASC keeps differences of time only, so the times differ by one constant: here by whole periods."""
+    with open_log(live_log) as log:
+        received = Frames.concatenate(frames[(frames.flags & FrameFlag.SENT) == 0] for frames in log.frames())
+    write_frames(tmp_path / "live.asc", received)
+    again = replayed(tmp_path / "live.asc", config, tmp_path / "again.mcap")
+    live, offline = read_table(live_log, ESTIMATES), read_table(again, ESTIMATES)
+    assert len(live) == len(offline)
+    assert len(np.unique(live["t_us"] - offline["t_us"])) == 1
+    names = [name for name in ESTIMATES.dtype.names or () if name != "t_us"]
+    for name in names:
+        np.testing.assert_array_equal(live[name], offline[name], err_msg=name)
+
+
+def test_live_frames_are_logged_as_they_were_sent(live_log: Path, drive: SimulatedDrive) -> None:
+    with open_log(live_log) as log:
+        frames = Frames.concatenate(log.frames())
+    sent = (frames.flags & FrameFlag.SENT) != 0
+    received = frames[~sent]
+    for name in ("t_us", "can_id", "length", "data"):
+        np.testing.assert_array_equal(getattr(received, name), getattr(drive.frames, name))
+    assert sent.any()
+
+
+def test_no_frame_is_lost_at_4000_frames_per_second(config: Config, connect: Connect, folder: Path) -> None:
+    laboratory = simulate_car(config, DriveName.PAPER, ProfileName.LABORATORY, seed=1, duration_s=2.0)
+    live = start(config, connect, folder / "live.mcap")
+    link = BusLink(connect, lambda is_error, text: None)
+    link.open()
+    player = Player(link, speed=0.8)  # of 5000 frames/s
+    began = time.monotonic()
+    player.play(laboratory.frames)
+    seconds = time.monotonic() - began
+    live.wait_for(len(laboratory.frames))
+    summary = live.stop()
+    link.close()
+    assert seconds == pytest.approx(2.5, abs=0.2)
+    assert summary.frames == len(laboratory.frames) == player.sent
+    assert summary.complete
+
+
+def test_a_second_service_on_the_bus_stays_silent(config: Config, connect: Connect, drive: SimulatedDrive) -> None:
+    first = start(config, connect, None)
+    half = len(drive.frames) // 2
+    send(connect, drive.frames[:half])
+    first.wait_for(half)
+    second = start(config, connect, None)
+    with connect() as bus:
+        for i in range(half, len(drive.frames)):
+            bus.send(message_from_frame(drive.frames, i))
+            first.wait_for(i + 1)  # so that its frames reach the bus in their turn
+    second.wait_for(len(drive.frames) - half)
+    spoke, silent = first.stop(), second.stop()
+    assert spoke.published > 0
+    assert spoke.refused_ids == []
+    assert silent.published == 0
+    assert len(silent.refused_ids) == len(config.output.database.messages)
+
+
+def test_frames_of_other_programs_on_this_computer_are_inputs(
+    config: Config, connect: Connect, drive: SimulatedDrive
+) -> None:
+    """SocketCAN calls them transmitted, as it calls our own when they come back."""
+    live = start(config, connect, None)
+    for i in range(400):
+        message = message_from_frame(drive.frames, i)
+        message.is_rx = False
+        live.service._link._bus.queue.put(message)  # type: ignore[union-attr]
+    live.wait_for(400)
+    assert live.stop().estimates > 300
+
+
+def test_the_loss_of_the_bus_resets_and_is_noted_in_the_log(
+    config: Config, connect: Connect, drive: SimulatedDrive, folder: Path
+) -> None:
+    """One second of frames, a bus that fails, and frames from three seconds later."""
+    gone = threading.Event()
+
+    def flaky() -> can.BusABC:
+        if gone.is_set():
+            raise BusError("virtual: away")
+        return connect()
+
+    live = start(config, flaky, folder / "live.mcap")
+    t_us = drive.frames.t_us - drive.frames.t_us[0]
+    before, after = drive.frames[t_us < 1_000_000], drive.frames[t_us > 4_000_000]
+    send(connect, before)
+    live.wait_for(len(before))
+    gone.set()
+    live.service._link._bus.shutdown()  # type: ignore[union-attr]
+    limit = time.monotonic() + 10
+    while live.service._link.up:
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+    gone.clear()
+    while not live.service._link.up:
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+    send(connect, after)
+    live.wait_for(len(before) + len(after))
+    summary = live.stop()
+    assert (summary.link.lost, summary.link.reconnects) == (1, 1)
+    assert summary.health["gap_resets"] == 1
+    assert any("gone" in line for line in live.told)
+    content = (folder / "live.mcap").read_bytes()
+    assert b"/dctorque/events" in content
+    assert len(read_table(folder / "live.mcap", ESTIMATES)) == summary.estimates
+
+
+@pytest.mark.parametrize("fill", [0x00, 0xFF])
+def test_frames_of_all_zeros_and_all_ones_are_counted_and_change_nothing(
+    config: Config, connect: Connect, drive: SimulatedDrive, fill: int
+) -> None:
+    live = start(config, connect, None)
+    frames = replace(drive.frames[:400], data=np.full((400, 8), fill, np.uint8))
+    send(connect, frames)
+    live.wait_for(len(frames))
+    summary = live.stop()
+    assert summary.health["bad_crc"]
+    assert sum(summary.health["bad_crc"].values()) > 0
+    assert summary.frames == 400
