@@ -16,67 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.compiled import compiled
-from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Vehicle
-from dctorque_can.estimators.design import Oh2014Design, RoadLoad
+from dctorque_can.compiled import compiled, compiled_without_allocation
+from dctorque_can.estimators.design import RoadLoad
+from dctorque_can.estimators.oh2014_model import set_pair
 
-MAX_GEAR = 15
-REFERENCE_ENGINE_SPEED = 200.0  # rad/s, at which γ_e gives the adaptation time
-REFERENCE_WHEEL_ACCELERATION = 5.0  # rad/s², at which γ_t gives the adaptation time
 MAX_WHEEL_ACCELERATION = 100.0  # rad/s², far beyond any tyre
 MAX_TAU_E = 0.5  # N·m·s/rad; 100 N·m of engine torque error at the reference speed
 MAX_TAU_O = 3.0  # times J_v; no load makes a car that heavy
 STANDSTILL = 0.3  # rad/s at the wheel
 PLAUSIBLE_WHEEL_SPEED = 5.0  # rad/s; slower wheels are too coarse to be compared with a shaft
-
-CONSTANTS = np.dtype(
-    [
-        ("J_e", "f8"),  # engine and damper inertia
-        ("J_c1", "f8"),
-        ("J_c2", "f8"),
-        ("J_v", "f8"),
-        ("k_t1", "f8"),
-        ("k_t2", "f8"),
-        ("i_t", "f8", (MAX_GEAR + 2,)),  # by gear number + 1; 0 where there is no such gear
-        ("i_f", "f8", (MAX_GEAR + 2,)),
-        ("J_g", "f8", (MAX_GEAR + 2,)),
-        ("shaft", "i8", (MAX_GEAR + 2,)),
-        ("efficiency", "f8"),  # of gear pair and final drive together
-        ("p_e", "f8"),  # double pole of the engine-side unknown input observer
-        ("p_s", "f8"),  # … of the clutch-side one
-        ("p_w", "f8"),  # … of the wheel acceleration filter
-        ("L", "f8"),  # L_1 = L_2
-        ("g_l", "f8"),  # γ_l
-        ("T_a", "f8"),  # adaptation time
-        ("T_road", "f8"),
-        ("road_load", "i8"),  # RoadLoad
-        ("gating", "?"),
-        ("printed_rate_law", "?"),
-        ("roll_nm", "f8"),  # r_w K_rr m_v g
-        ("drag_nm", "f8"),  # ½ ρ C_d A r_w³, times ω_w²
-    ],
-    align=True,
-)
-
-PAIR = np.dtype(
-    [
-        ("g1", "i8"),
-        ("g2", "i8"),
-        ("side", "i8"),  # shaft on which the clutch-side observer runs: 1, 2 (mirrored), 0 none
-        ("R_1", "f8"),
-        ("R_2", "f8"),
-        ("i_t1", "f8"),
-        ("i_t2", "f8"),
-        ("i_f1", "f8"),
-        ("i_f2", "f8"),
-        ("J_es", "f8"),  # J_e1 or J_e2, effective inertia at the side's shaft
-        ("R_s", "f8"),  # R_1 or R_2
-        ("g_e", "f8"),  # γ_e
-        ("g_t", "f8"),  # γ_t
-    ],
-    align=True,
-)
-"""What follows from the engaged gears alone."""
 
 STATE = np.dtype(
     [
@@ -99,74 +47,16 @@ STATE = np.dtype(
 """The eight states of (68), the known road load, and the filter that gives the wheel acceleration."""
 
 
-def constants(vehicle: Vehicle, design: Oh2014Design) -> NDArray[np.void]:
-    """Return the `CONSTANTS` record ``[1]`` of a vehicle and a design."""
-    c = np.zeros(1, CONSTANTS)
-    chassis = vehicle.chassis
-    c["J_e"] = vehicle.engine_inertia_kgm2 + vehicle.damper.inertia_kgm2
-    c["J_c1"], c["J_c2"] = (shaft.inertia_kgm2 for shaft in vehicle.shafts)
-    c["k_t1"], c["k_t2"] = (shaft.transfer_stiffness_nm_per_rad for shaft in vehicle.shafts)
-    c["J_v"] = chassis.inertia_kgm2
-    for gear in vehicle.gears:
-        c["i_t"][0, gear.number + 1] = gear.ratio
-        c["i_f"][0, gear.number + 1] = gear.final_drive
-        c["J_g"][0, gear.number + 1] = gear.inertia_kgm2
-        c["shaft"][0, gear.number + 1] = gear.shaft
-    c["efficiency"] = vehicle.gear_efficiency * vehicle.final_drive_efficiency
-    c["p_e"] = design.engine_bandwidth_rad_s
-    c["p_s"] = design.shaft_bandwidth_rad_s
-    c["p_w"] = design.acceleration_bandwidth_rad_s
-    c["L"] = design.torque_crossover_rad_s
-    c["g_l"] = 1.0 / design.leakage_time_s
-    c["T_a"] = design.adaptation_time_s
-    c["T_road"] = design.road_load_time_s
-    c["road_load"] = design.road_load
-    c["gating"] = design.phase_gating
-    c["printed_rate_law"] = design.printed_rate_law
-    c["roll_nm"] = chassis.wheel_radius_m * chassis.rolling_resistance * chassis.mass_kg * STANDARD_GRAVITY
-    c["drag_nm"] = (
-        0.5 * AIR_DENSITY * chassis.drag_coefficient * chassis.frontal_area_m2 * chassis.wheel_radius_m**3
-    )
-    return c
-
-
-@compiled
-def set_pair(pair: Any, c: Any, g1: int, g2: int) -> None:
-    """Fill ``pair`` for gear ``g1`` on shaft 1 and ``g2`` on shaft 2; 0 is neutral."""
-    pair.g1 = g1
-    pair.g2 = g2
-    i_t1, i_f1, J_g1 = c.i_t[g1 + 1], c.i_f[g1 + 1], c.J_g[g1 + 1]
-    i_t2, i_f2, J_g2 = c.i_t[g2 + 1], c.i_f[g2 + 1], c.J_g[g2 + 1]
-    pair.i_t1, pair.i_f1, pair.R_1 = i_t1, i_f1, i_t1 * i_f1
-    pair.i_t2, pair.i_f2, pair.R_2 = i_t2, i_f2, i_t2 * i_f2
-    J_1 = c.J_c1 + J_g1
-    J_2 = c.J_c2 + J_g2
-    if g1 != 0:
-        pair.side = 1
-        pair.R_s = pair.R_1
-        pair.J_es = J_1 + (J_2 * (pair.R_2 / pair.R_1) ** 2 if g2 != 0 else 0.0)
-    elif g2 != 0:
-        pair.side = 2
-        pair.R_s = pair.R_2
-        pair.J_es = J_2
-    else:
-        pair.side = 0
-        pair.R_s = 1.0
-        pair.J_es = J_1
-    pair.g_e = 1.0 / (c.T_a * REFERENCE_ENGINE_SPEED**2)
-    pair.g_t = pair.R_s**2 / (c.T_a * REFERENCE_WHEEL_ACCELERATION**2)
-
-
 # --- the pieces of the observer, shared by the continuous and the sampled form ---
 
 
-@compiled
+@compiled_without_allocation
 def continuous_gains(p: float, J: float) -> tuple[float, float]:
     """Return (l, l') that put both poles of s² + l s + l'/J at -p, as in (59), (60) and (63), (64)."""
     return 2.0 * p, p**2 * J
 
 
-@compiled
+@compiled_without_allocation
 def sampled_gains(p: float, h: float) -> tuple[float, float]:
     """Return the shares (α, β) of an innovation e that one sample, ``h`` seconds after the last, may correct.
 
@@ -176,13 +66,13 @@ def sampled_gains(p: float, h: float) -> tuple[float, float]:
     return 1.0 - z * z, (1.0 - z) ** 2
 
 
-@compiled
+@compiled_without_allocation
 def adaptation(pair: Any, w_e: float, a_w: float, eps_e: float, eps_o: float) -> tuple[float, float]:
     """Return the driving terms of (52) and (53); the leakage is apart."""
     return pair.g_e * w_e * eps_e, -pair.g_t * (a_w / pair.R_s) * eps_o
 
 
-@compiled
+@compiled_without_allocation
 def shaft_torque_rates(
     c: Any, pair: Any, carries_1: bool, carries_2: bool, w_c1: float, w_c2: float, dT_o: float
 ) -> tuple[float, float]:
@@ -207,7 +97,7 @@ def shaft_torque_rates(
     return dT_c1, dT_c2
 
 
-@compiled
+@compiled_without_allocation
 def unknown_input_torques(
     pair: Any, T_c: float, T_a: float, carries_1: bool, carries_2: bool
 ) -> tuple[float, float]:
@@ -278,13 +168,13 @@ def right_hand_side(
 # --- the sampled form ---
 
 
-@compiled
+@compiled_without_allocation
 def driving_loss(c: Any, s: Any) -> float:
     """Return the factor from the torque at the wheels to the torque before gear and final drive losses."""
     return 1.0 / c.efficiency if s.T_n + s.a_w * s.tau_o >= 0.0 else float(c.efficiency)
 
 
-@compiled
+@compiled_without_allocation
 def shaft_acceleration(s: Any, c: Any, pair: Any) -> float:
     """Return the model's dω/dt of the side's shaft, (63) without innovation; rad/s²."""
     if pair.side == 0:
@@ -293,7 +183,7 @@ def shaft_acceleration(s: Any, c: Any, pair: Any) -> float:
     return float((s.T_a - T_o / pair.R_s) / pair.J_es)  # (63)
 
 
-@compiled
+@compiled_without_allocation
 def predict(s: Any, c: Any, pair: Any, T_en: float, dt: float) -> None:
     """Move the model by ``dt`` seconds without any measurement."""
     dw_s = shaft_acceleration(s, c, pair)
@@ -304,7 +194,7 @@ def predict(s: Any, c: Any, pair: Any, T_en: float, dt: float) -> None:
     s.tau_o += dt * c.g_l * (c.J_v - s.tau_o)  # (53)
 
 
-@compiled
+@compiled_without_allocation
 def correct_wheel(s: Any, c: Any, w_w: float, h: float) -> None:
     """Take a wheel speed sample: second-order filter with the double pole p_w, gives dω_w/dt."""
     alpha, beta = sampled_gains(c.p_w, h)
@@ -313,7 +203,7 @@ def correct_wheel(s: Any, c: Any, w_w: float, h: float) -> None:
     s.a_w = min(max(s.a_w + beta / h * e, -MAX_WHEEL_ACCELERATION), MAX_WHEEL_ACCELERATION)
 
 
-@compiled
+@compiled_without_allocation
 def correct_engine(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, w_e: float, h: float) -> None:
     """Take an engine speed sample, ``h`` seconds after the last: (59), (60), (52)."""
     alpha, beta = sampled_gains(c.p_e, h)
@@ -328,7 +218,7 @@ def correct_engine(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, 
         add_shaft_torques(s, shaft_torque_rates(c, pair, carries_1, carries_2, 0.0, 0.0, s.a_w * d_tau_o))
 
 
-@compiled
+@compiled_without_allocation
 def correct_shaft(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, w_s: float, h: float) -> None:
     """Take a sample of the side's shaft speed: (63), (64), (53)."""
     alpha, beta = sampled_gains(c.p_s, h)
@@ -340,14 +230,14 @@ def correct_shaft(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, w
     add_shaft_torques(s, shaft_torque_rates(c, pair, carries_1, carries_2, 0.0, 0.0, s.a_w * d_tau_o))
 
 
-@compiled
+@compiled_without_allocation
 def add_shaft_torques(s: Any, change: tuple[float, float]) -> None:
     """Add the model's change of both clutch torques."""
     s.T_c1 += change[0]
     s.T_c2 += change[1]
 
 
-@compiled
+@compiled_without_allocation
 def settle(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, dt: float) -> bool:
     """Draw the clutch torques to the unknown input estimates (37), (38) over ``dt``; learn the road load.
 
@@ -370,7 +260,7 @@ def settle(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, dt: floa
     return False
 
 
-@compiled
+@compiled_without_allocation
 def flat_road_load(c: Any, w_w: float) -> float:
     """Return (11) without grade, N·m at the wheel, zero at standstill."""
     if abs(w_w) < STANDSTILL:
@@ -378,7 +268,7 @@ def flat_road_load(c: Any, w_w: float) -> float:
     return math.copysign(c.roll_nm + c.drag_nm * w_w * w_w, w_w)
 
 
-@compiled
+@compiled_without_allocation
 def change_gears(s: Any, c: Any, pair: Any, g1: int, g2: int, w_c1: float, w_c2: float) -> None:
     """Take new gears: the clutch-side observer changes its shaft, the torques it stands for do not jump."""
     set_pair(pair, c, g1, g2)
@@ -392,7 +282,7 @@ def change_gears(s: Any, c: Any, pair: Any, g1: int, g2: int, w_c1: float, w_c2:
         s.T_a = 0.0
 
 
-@compiled
+@compiled_without_allocation
 def reset(s: Any, c: Any, w_e: float, w_s: float, w_w: float, T_en: float) -> None:
     """Start anew at the measured speeds; no torque is assumed but the engine's own balance."""
     s.T_c1 = s.T_c2 = s.T_a = s.T_c1_uio = s.T_c2_uio = 0.0

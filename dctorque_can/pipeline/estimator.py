@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from dctorque_can.driveline.parameters import Clutch, Vehicle
 from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators import oh2014
-from dctorque_can.pipeline import core
+from dctorque_can.estimators import oh2014, oh2014_model
+from dctorque_can.pipeline import core, core_state
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity, Samples
 from dctorque_can.pipeline.settings import Settings
@@ -37,16 +37,16 @@ class Estimator:
     def __init__(self, settings: Settings) -> None:
         _refuse_singular_pairs(settings.vehicle)
         self._rules = _rules(settings)
-        self._constants = oh2014.constants(settings.vehicle, settings.observer)
-        self._core = np.zeros(1, core.CORE)
+        self._constants = oh2014_model.constants(settings.vehicle, settings.observer)
+        self._core = np.zeros(1, core_state.CORE)
         for name in ("t_us", "estimate_us", "health_us", "implausible_us", "seen_us", "candidate_us"):
-            self._core[name] = core.NEVER
-        self._core["slip_small_us"] = core.NEVER
+            self._core[name] = core_state.NEVER
+        self._core["slip_small_us"] = core_state.NEVER
         self._core["closed"] = True
         self._state = np.zeros(1, oh2014.STATE)
-        self._pair = np.zeros(1, oh2014.PAIR)
+        self._pair = np.zeros(1, oh2014_model.PAIR)
         self._health = np.zeros(1, HEALTH)
-        oh2014.set_pair(self._pair[0], self._constants[0], 0, 0)
+        oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
 
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due."""
@@ -92,8 +92,8 @@ def warm_up(settings: Settings) -> None:
 
 
 def _rules(settings: Settings) -> NDArray[np.void]:
-    """Return the `core.RULES` record ``[1]``."""
-    rules = np.zeros(1, core.RULES)
+    """Return the `core_state.RULES` record ``[1]``."""
+    rules = np.zeros(1, core_state.RULES)
     r = rules[0]
     r["minimum"][:], r["maximum"][:] = -WIDEST, WIDEST
     for item in settings.inputs:
@@ -149,9 +149,9 @@ def _static_capacity(clutch: Clutch) -> float:
 def _refuse_singular_pairs(vehicle: Vehicle) -> None:
     """Raise if some pair of gears cannot be told apart by (65), (66)."""
     wrong = [
-        f"gear {g.number} (shaft {g.shaft}): numbers go up to {oh2014.MAX_GEAR}"
+        f"gear {g.number} (shaft {g.shaft}): numbers go up to {oh2014_model.MAX_GEAR}"
         for g in vehicle.gears
-        if not -1 <= g.number <= oh2014.MAX_GEAR or g.number == 0
+        if not -1 <= g.number <= oh2014_model.MAX_GEAR or g.number == 0
     ]
     for one, two in product(vehicle.gears_on(1), vehicle.gears_on(2)):
         if abs(one.total_ratio - two.total_ratio) < SMALLEST_RATIO_STEP * abs(one.total_ratio):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import oh2014
+from dctorque_can.estimators import oh2014, oh2014_model
 from dctorque_can.resources import shipped_config
 
 SETTINGS = load_config(shipped_config("paper_car")).settings
@@ -15,9 +15,9 @@ DESIGN = replace(SETTINGS.observer, printed_rate_law=True, phase_gating=False)
 
 
 def observer(design=DESIGN, g1=1, g2=2, vehicle=VEHICLE):
-    constants = oh2014.constants(vehicle, design)
-    pair = np.zeros(1, oh2014.PAIR)
-    oh2014.set_pair(pair[0], constants[0], g1, g2)
+    constants = oh2014_model.constants(vehicle, design)
+    pair = np.zeros(1, oh2014_model.PAIR)
+    oh2014_model.set_pair(pair[0], constants[0], g1, g2)
     return constants, pair
 
 
@@ -169,7 +169,7 @@ def test_sampled_engine_observer_has_the_designed_poles(h):
 
 
 def test_only_shafts_that_carry_twist():
-    """With shaft 2 in neutral or clutch 2 open, shaft 2 says nothing, and all of T_o is on shaft 1: dT_c1 = dT_o/R_1."""
+    """With clutch 2 open, shaft 2 says nothing, and all of T_o is on shaft 1: dT_c1 = dT_o/R_1."""
     constants, pair = observer(g1=1, g2=2)
     rates = oh2014.shaft_torque_rates(constants[0], pair[0], True, False, 150.0, 900.0, 500.0)
     assert rates == pytest.approx((500.0 / VEHICLE.gear(1).total_ratio, 0.0))
