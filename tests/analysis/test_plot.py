@@ -36,5 +36,5 @@ def test_a_picture_is_written_without_truth_too(estimates: np.ndarray, tmp_path:
 def test_failures_are_clear(estimates: np.ndarray) -> None:
     with pytest.raises(DctorqueError, match="no estimates"):
         drive_figure(estimates[:0], None, "")
-    with pytest.raises(DctorqueError, match="/nowhere/x.png: the plot cannot be written"):
+    with pytest.raises(DctorqueError, match=r"/nowhere/x\.png: the plot cannot be written"):
         save_figure(drive_figure(estimates, None, ""), Path("/nowhere/x.png"))

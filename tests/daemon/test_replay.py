@@ -90,7 +90,7 @@ def open_frames(path: Path):
 
 
 def test_a_full_disk_is_one_clear_error(log: Path, config: Config) -> None:
-    with pytest.raises(DctorqueError, match="/dev/full.*No space left"):
+    with pytest.raises(DctorqueError, match=r"/dev/full.*No space left"):
         run([log], config, Path("/dev/full"))
 
 

@@ -1,0 +1,167 @@
+"""What the commands do when all is well, and when only part of it is."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from dctorque_can import __version__
+from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.table import ESTIMATES
+from dctorque_can.resources import shipped_config
+
+PAPER = shipped_config("paper_car")
+COMMANDS = ("run", "replay", "simulate", "demo", "check", "recover")
+
+
+def test_help_names_every_command_and_the_exit_codes(dctorque_process) -> None:
+    outcome = dctorque_process("--help")
+    assert outcome.code == 0
+    for word in (*COMMANDS, "Exit codes", "130"):
+        assert word in outcome.out
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself(dctorque, name: str) -> None:
+    outcome = dctorque(name, "--help")
+    assert outcome.code == 0
+    assert "Usage" in outcome.out
+
+
+def test_version(dctorque) -> None:
+    assert dctorque("--version").out.strip() == f"dctorque {__version__}"
+
+
+def test_simulate_and_replay_in_every_format_give_the_same_estimates(dctorque, tmp_path: Path) -> None:
+    counts = set()
+    for suffix in ("mcap", "blf", "log"):
+        made = dctorque("simulate", "-o", f"drive.{suffix}", "--duration", 2, "--force", "--json")
+        assert made.code == 0
+        described = json.loads(made.out)
+        assert described["frames"] == 800
+        assert Path(described["truth"]).exists()
+        config = () if suffix == "mcap" else ("-c", PAPER)
+        replayed = dctorque("replay", f"drive.{suffix}", *config, "-o", f"{suffix}.mcap", "--force", "--json")
+        assert replayed.code == 0
+        result = json.loads(replayed.out)
+        assert result["frames"] == 800
+        counts.add(result["estimates"])
+        assert len(read_table(tmp_path / f"{suffix}.mcap", ESTIMATES)) == result["estimates"]
+    assert len(counts) == 1
+
+
+def test_the_same_seed_gives_the_same_file(dctorque, tmp_path: Path) -> None:
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        dctorque("simulate", "-o", f"{name}.blf", "--duration", 1, "--seed", seed)
+        dctorque("replay", f"{name}.blf", "-c", PAPER, "-o", f"{name}.mcap")
+    a, b, c = (read_table(tmp_path / f"{name}.mcap", ESTIMATES).tobytes() for name in "abc")
+    assert a == b != c
+
+
+def test_a_damaged_log_is_used_and_said_so(dctorque, tmp_path: Path) -> None:
+    dctorque("simulate", "-o", "whole.mcap", "--duration", 3)
+    content = (tmp_path / "whole.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[: len(content) - 2000])
+    outcome = dctorque("replay", "cut.mcap", "-o", "out.mcap", "--json")
+    assert outcome.code == 3
+    assert "warning:" in outcome.err
+    assert json.loads(outcome.out)["frames"] > 0
+    recovered = dctorque("recover", "cut.mcap", "--json")
+    assert recovered.code == 0
+    assert json.loads(recovered.out)["messages"] > 0
+    assert dctorque("replay", "cut.recovered.mcap", "-o", "out2.mcap").code == 0
+    assert dctorque("recover", "cut.mcap").code == 1  # its output exists by now
+
+
+@pytest.mark.parametrize(("profile", "limits"), [("laboratory", (8, 12)), ("production", (10, 15))])
+def test_the_demo_keeps_the_promised_errors(
+    dctorque, tmp_path: Path, profile: str, limits: tuple[float, float]
+) -> None:
+    """Limits of the paper's drive; the paper's own figures are 2.1 and 3.4 N·m (Table 1)."""
+    outcome = dctorque("demo", "--json", "--profile", profile)
+    assert outcome.code == 0
+    result = json.loads(outcome.out)
+    assert result["rms"]["clutch1_nm"] < limits[0]
+    assert result["rms"]["clutch2_nm"] < limits[1]
+    assert result["rms"]["output_nm"] < 0.05 * 1700  # of the largest output torque of the drive
+    assert result["frames"] == (80_000 if profile == "laboratory" else 6_400)
+    assert len(read_table(Path(result["log"]), ESTIMATES)) == result["estimates"] > 5000
+    assert (tmp_path / result["plot"]).read_bytes().startswith(b"\x89PNG")
+    replayed = dctorque("replay", result["log"], "-o", "again.mcap", "--truth", "--json")
+    assert json.loads(replayed.out)["errors"]["clutch1_nm"]["rms"] == result["rms"]["clutch1_nm"]
+
+
+def test_the_demo_shows_a_table_to_people(dctorque_process, tmp_path: Path) -> None:
+    outcome = dctorque_process("demo", "-o", "shown", "--duration", "3", "--profile", "production")
+    assert outcome.code == 0, outcome.err
+    for text in ("clutch 1", "RMS error", "demo.png", "demo.mcap"):
+        assert text in outcome.out
+    assert (tmp_path / "shown" / "demo.png").exists()
+
+
+def test_run_ends_after_its_duration_with_a_closed_log(dctorque, tmp_path: Path) -> None:
+    outcome = dctorque(
+        "run", PAPER, "-i", "virtual", "--channel", "quiet", "--log", "x.mcap", "--duration", 0.3, "--json"
+    )
+    assert outcome.code == 0, outcome.err
+    summary = json.loads(outcome.out)
+    assert summary["frames"] == 0
+    assert summary["log"]["paths"] == ["x.mcap"]
+    assert (tmp_path / "x.mcap").read_bytes().endswith(b"\x89MCAP0\r\n")
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])
+def test_run_stops_cleanly_on_a_signal_and_rotates_on_hangup(
+    command: list[str], environment: dict[str, str], tmp_path: Path, number: int, code: int
+) -> None:
+    arguments = ["run", str(PAPER), "-i", "virtual", "--channel", "quiet", "--log", "x.mcap"]
+    process = subprocess.Popen(
+        [*command, *arguments], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    lines = [process.stderr.readline(), process.stderr.readline()]
+    assert any("estimating on virtual:quiet" in line for line in lines), lines
+    os.kill(process.pid, signal.SIGHUP)
+    assert "logging to x_" in process.stderr.readline()
+    os.kill(process.pid, number)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert "Traceback" not in err
+    logs = sorted(tmp_path.glob("*.mcap"))
+    assert len(logs) == 2
+    assert all(log.read_bytes().endswith(b"\x89MCAP0\r\n") for log in logs)
+
+
+def test_systemd_is_told_ready_alive_and_stopping(
+    command: list[str], environment: dict[str, str], tmp_path: Path
+) -> None:
+    import socket
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / "notify"))
+        listener.settimeout(60)
+        told = environment | {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "300000"}
+        process = subprocess.Popen(
+            [*command, "run", str(PAPER), "-i", "virtual", "--channel", "quiet", "--no-log"],
+            cwd=tmp_path,
+            env=told,
+            stderr=subprocess.DEVNULL,
+        )
+        messages = [listener.recv(4096).decode() for _ in range(4)]
+        time.sleep(0.5)
+        process.terminate()
+        assert process.wait(30) == 0
+        listener.setblocking(False)
+        while True:
+            try:
+                messages.append(listener.recv(4096).decode())
+            except BlockingIOError:
+                break
+    assert messages[0] == "READY=1"
+    assert messages[-1] == "STOPPING=1"
+    assert messages.count("WATCHDOG=1") >= 3
+    assert any(message.startswith("STATUS=") and "frames/s" in message for message in messages)

@@ -1,0 +1,205 @@
+"""Two processes on a real SocketCAN bus: one injects, one estimates; and what they survive.
+
+Needs vcan0: ``tools/with-vcan pytest -m socketcan`` where the kernel has none.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+import can
+import pytest
+
+from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.reader import open_log
+from dctorque_can.logs.table import ESTIMATES
+from dctorque_can.pipeline.frames import FrameFlag
+from dctorque_can.resources import shipped_config, shipped_dbc
+
+pytestmark = pytest.mark.socketcan
+
+PAPER = shipped_config("paper_car")
+SECONDS = 6
+FRAMES = 400 * SECONDS
+
+
+class Daemon:
+    """``dctorque run`` on vcan0."""
+
+    def __init__(self, command: list[str], environment: dict[str, str], folder: Path, log: str) -> None:
+        arguments = ["run", str(PAPER), "-i", "socketcan", "--channel", "vcan0", "--log", log, "--json"]
+        self.log = folder / log
+        self.err: list[str] = []
+        self.process = subprocess.Popen(
+            [*command, *arguments],
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self.read_until("estimating on socketcan:vcan0")
+
+    def read_until(self, text: str) -> None:
+        assert self.process.stderr is not None
+        while not self.err or text not in self.err[-1]:
+            line = self.process.stderr.readline()
+            assert line, self.err
+            self.err.append(line)
+
+    def stop(self) -> dict:
+        self.process.send_signal(signal.SIGINT)
+        out, err = self.process.communicate(timeout=60)
+        assert self.process.returncode == 0, err
+        assert "Traceback" not in err
+        return json.loads(out)
+
+    def kill_group(self) -> None:
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait(30)
+        for pipe in (self.process.stdout, self.process.stderr):
+            assert isinstance(pipe, IO) or pipe is not None
+            pipe.close()
+
+
+@pytest.fixture
+def start(command: list[str], environment: dict[str, str], tmp_path: Path) -> Iterator:
+    started: list[Daemon] = []
+
+    def start(log: str) -> Daemon:
+        started.append(Daemon(command, environment, tmp_path, log))
+        return started[-1]
+
+    yield start
+    for daemon in started:
+        if daemon.process.poll() is None:
+            daemon.kill_group()
+
+
+@pytest.fixture
+def inject(command: list[str], environment: dict[str, str], tmp_path: Path):
+    """Start the injector: a process that drives the simulated car for some seconds on vcan0."""
+
+    def inject(seconds: int) -> subprocess.Popen[str]:
+        arguments = ["simulate", "-i", "socketcan", "--channel", "vcan0", "--duration", str(seconds)]
+        return subprocess.Popen(
+            [*command, *arguments], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+        )
+
+    return inject
+
+
+def sent_by(process: subprocess.Popen[str]) -> str:
+    _, err = process.communicate(timeout=120)
+    assert process.returncode in (0, 3), err
+    assert "Traceback" not in err
+    return err
+
+
+def set_link(state: str) -> None:
+    subprocess.run(["ip", "link", "set", "vcan0", state], check=True)
+
+
+def test_one_process_injects_and_one_estimates(start, inject, dctorque, tmp_path: Path) -> None:
+    """Every frame arrives, estimates are heard on the bus, and a replay of the log gives the same bits."""
+    daemon = start("live.mcap")
+    with can.Bus(interface="socketcan", channel="vcan0") as ear:
+        err = sent_by(inject(SECONDS))
+        heard = []
+        while (message := ear.recv(0.2)) is not None:
+            heard.append(message)
+    summary = daemon.stop()
+    assert f"{FRAMES} frames sent, 0 not taken" in err
+    assert summary["frames"] == FRAMES
+    assert summary["log"]["dropped"] == 0
+    assert summary["estimates"] > 0.5 * FRAMES
+
+    import cantools
+
+    output = cantools.database.load_file(shipped_dbc("dctorque"))
+    torque = output.get_message_by_name("DctClutchTorque")
+    values = [
+        output.decode_message(m.arbitration_id, m.data, decode_choices=False)
+        for m in heard
+        if m.arbitration_id == torque.frame_id
+    ]
+    assert len(values) == pytest.approx(100 * (SECONDS - 0.5), rel=0.2)
+    launch = max(value["Clutch1Torque"] for value in values if value["Clutch1TorqueValid"])
+    assert 100 < launch < 200  # N·m, clutch 1 carries the launch of the paper's drive
+
+    assert dctorque("replay", daemon.log, "-o", tmp_path / "again.mcap").code == 0
+    live, again = (read_table(path, ESTIMATES) for path in (daemon.log, tmp_path / "again.mcap"))
+    assert live.tobytes() == again.tobytes()
+
+
+def test_the_daemon_survives_a_bus_that_goes_down_and_comes_back(start, inject) -> None:
+    daemon = start("live.mcap")
+    injector = inject(10)
+    time.sleep(1)
+    while "sending" not in (line := injector.stderr.readline()):
+        assert line
+    time.sleep(3)
+    try:
+        set_link("down")
+        daemon.read_until("the bus is gone")
+        time.sleep(1)
+    finally:
+        set_link("up")
+    daemon.read_until("the bus is open again")
+    sent_by(injector)
+    summary = daemon.stop()
+    assert summary["link"]["lost"] >= 1
+    assert summary["link"]["reconnects"] >= 1
+    assert summary["health"]["gap_resets"] >= 1
+    estimates = read_table(daemon.log, ESTIMATES)
+    assert len(estimates) == summary["estimates"]
+    silence = max(b - a for a, b in zip(estimates["t_us"], estimates["t_us"][1:], strict=False))
+    assert silence > 900_000
+    after = estimates["t_us"][-1] - estimates["t_us"][0] - silence
+    assert after > 1_000_000  # it estimates again
+
+
+def test_a_killed_daemon_leaves_a_readable_log(start, inject) -> None:
+    """At most the time of the flush timer (0.2 s) is lost; the whole process group is killed, as by a power cut."""
+    daemon = start("live.mcap")
+    injector = inject(SECONDS)
+    sent_by(injector)
+    daemon_log = daemon.log
+    time.sleep(1.0)
+    daemon.kill_group()
+    with open_log(daemon_log) as log:
+        received = sum(int(((f.flags & FrameFlag.SENT) == 0).sum()) for f in log.frames())
+    assert received == FRAMES  # the last of them was flushed a second before
+
+
+def test_a_bus_that_is_down_at_the_start_is_one_clear_error(dctorque) -> None:
+    set_link("down")
+    try:
+        outcome = dctorque("run", PAPER, "-i", "socketcan", "--channel", "vcan0", "--no-log")
+    finally:
+        set_link("up")
+    assert outcome.code == 1
+    assert "vcan0 cannot be used: Network is down" in " ".join(outcome.err.split())
+    assert "ip link set vcan0 up" in " ".join(outcome.err.split())
+
+
+def test_nothing_is_sent_on_an_identifier_of_someone_else(start, inject) -> None:
+    taken = 0x6F0
+    daemon = start("live.mcap")
+    with can.Bus(interface="socketcan", channel="vcan0") as other:
+        other.send(can.Message(arbitration_id=taken, data=bytes(8), is_extended_id=False))
+        daemon.read_until("someone else sends on 0x6F0")
+        sent_by(inject(2))
+        heard = set()
+        while (message := other.recv(0.2)) is not None:
+            heard.add(message.arbitration_id)
+    summary = daemon.stop()
+    assert summary["refused_ids"] == [taken]
+    assert taken not in heard
+    assert summary["published"] > 0
