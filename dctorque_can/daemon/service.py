@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.chain import Chain
-from dctorque_can.daemon.link import BusLink, LinkCounts
+from dctorque_can.daemon.link import BusError, BusLink, LinkCounts
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogCounts, LogProcess
 from dctorque_can.daemon.publisher import Publisher
@@ -138,8 +138,12 @@ class Service:
             DctorqueError: the log cannot be created, or the bus cannot be opened.
         """
         self._chain.warm_up()
-        if not wait_for_bus:
+        try:
             self._link.open()
+        except BusError as error:
+            if not wait_for_bus:
+                raise
+            self._tell(True, f"{error}; waiting for it")
         if self._log is not None:
             try:
                 self._log.open()
