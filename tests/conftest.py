@@ -34,9 +34,7 @@ def differences(package: Path) -> list[str]:
     """Return the files of the checkout that are missing or different in the installed ``package``."""
     if package == ROOT / "dctorque_can":
         return []
-    pairs = {
-        path: package / path.relative_to(ROOT / "dctorque_can") for path in sources(ROOT / "dctorque_can")
-    }
+    pairs = {path: package / path.relative_to(ROOT / "dctorque_can") for path in sources(ROOT / "dctorque_can")}
     for folder in ("config", "dbc"):
         files = (path for path in (ROOT / folder).iterdir() if path.is_file())
         pairs |= {path: package / "shipped" / folder / path.name for path in files}

@@ -130,9 +130,7 @@ def test_every_room_has_a_rule() -> None:
 def test_files_have_one_reason_and_a_name_that_says_it() -> None:
     lengths = {str(path): len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
     assert {path: lines for path, lines in lengths.items() if lines > LONGEST_FILE} == {}
-    assert [
-        path for path in FILES if NAMES_THAT_SAY_NOTHING & {path.stem, *path.relative_to(PACKAGE).parts}
-    ] == []
+    assert [path for path in FILES if NAMES_THAT_SAY_NOTHING & {path.stem, *path.relative_to(PACKAGE).parts}] == []
 
 
 @pytest.mark.parametrize(
