@@ -136,6 +136,25 @@ def test_run_stops_cleanly_on_a_signal_and_rotates_on_hangup(
     assert all(log.read_bytes().endswith(b"\x89MCAP0\r\n") for log in logs)
 
 
+def test_a_killed_service_leaves_a_closed_log(
+    command: list[str], environment: dict[str, str], tmp_path: Path
+) -> None:
+    """The log writer is a process of its own and ends in order when its pipe does."""
+    arguments = ["run", str(PAPER), "-i", "virtual", "--channel", "quiet", "--log", "x.mcap"]
+    process = subprocess.Popen(
+        [*command, *arguments], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    while "logging to x.mcap" not in process.stderr.readline():
+        assert process.poll() is None
+    process.kill()
+    process.communicate(timeout=30)
+    limit = time.monotonic() + 20
+    while not (tmp_path / "x.mcap").read_bytes().endswith(b"\x89MCAP0\r\n"):
+        assert time.monotonic() < limit
+        time.sleep(0.05)
+
+
 def test_systemd_is_told_ready_alive_and_stopping(
     command: list[str], environment: dict[str, str], tmp_path: Path
 ) -> None:

@@ -1,5 +1,6 @@
 """The service on a virtual bus: nothing lost, nothing different from a replay."""
 
+import resource
 import threading
 import time
 from collections.abc import Callable
@@ -203,6 +204,54 @@ def test_the_loss_of_the_bus_resets_and_is_noted_in_the_log(
     content = (folder / "live.mcap").read_bytes()
     assert b"/dctorque/events" in content
     assert len(read_table(folder / "live.mcap", ESTIMATES)) == summary.estimates
+
+
+def test_a_bus_that_is_not_there_yet_is_waited_for_when_asked(
+    config: Config, connect: Connect, drive: SimulatedDrive
+) -> None:
+    tries = iter([BusError("virtual: not there"), BusError("virtual: not there")])
+
+    def late() -> can.BusABC:
+        if (error := next(tries, None)) is not None:
+            raise error
+        return connect()
+
+    told: list[str] = []
+    service = Service(config, late, None, lambda is_error, text: told.append(text))
+    service.prepare(wait_for_bus=True)
+    thread = threading.Thread(target=service.run)
+    thread.start()
+    limit = time.monotonic() + 10
+    while not service._link.up:
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+    live = Live(service, thread, told, [])
+    send(connect, drive.frames[:100])
+    live.wait_for(100)
+    service.stop()
+    thread.join(10)
+    assert "waiting for it" in told[0]
+    assert "open again" in told[1]
+
+
+def test_a_disk_that_fills_up_stops_the_log_and_nothing_else(
+    config: Config, connect: Connect, drive: SimulatedDrive, folder: Path
+) -> None:
+    """The file size limit of the writer stands for the end of the disk."""
+    live = start(config, connect, folder / "live.mcap")
+    log = live.service._log
+    assert log is not None
+    assert log._process is not None
+    resource.prlimit(log._process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    send(connect, drive.frames)
+    live.wait_for(len(drive.frames))
+    summary = live.stop()
+    assert summary.frames == len(drive.frames)
+    assert summary.estimates > 2000
+    assert not summary.complete
+    assert summary.log is not None
+    assert summary.log.dropped > 0
+    assert any("File too large" in line for line in live.told)
 
 
 @pytest.mark.parametrize("fill", [0x00, 0xFF])
