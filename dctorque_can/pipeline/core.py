@@ -64,7 +64,7 @@ def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any) -> None:
 def advance(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_us: int) -> None:
     """Move the grid to ``t_us``: whole steps, then the rest of a step up to the frame."""
     while core.t_us < t_us:
-        until = min(t_us, (core.t_us // rules.step_us + 1) * rules.step_us)
+        until = min(t_us, core.t_us + rules.step_us - (core.t_us - core.origin_us) % rules.step_us)
         dt = (until - core.t_us) * 1e-6
         core.t_us = until
         if core.running:
@@ -255,6 +255,14 @@ def report(core: Any, health: Any, row: Any) -> None:
 
 
 @compiled_without_allocation
+def is_due(core: Any, last_us: int, period_us: int) -> bool:
+    """Return whether another period has begun since ``last_us``."""
+    if last_us == NEVER:
+        return True
+    return bool((core.t_us - core.origin_us) // period_us != (last_us - core.origin_us) // period_us)
+
+
+@compiled_without_allocation
 def count_rejected(health: Any, quantity: int, status: int) -> None:
     """Count a sample that may not be used."""
     if status == SampleStatus.NOT_AVAILABLE:
@@ -273,7 +281,7 @@ def count_rejected(health: Any, quantity: int, status: int) -> None:
 def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_us: int) -> None:
     """Advance to the time of a sample; a gap or a step back of the clock starts anew there, and is counted."""
     if core.t_us == NEVER:
-        core.t_us = t_us
+        core.t_us = core.origin_us = t_us
     elif t_us < core.t_us:
         if core.t_us - t_us > rules.max_step_back_us:
             health.clock_resets += 1
@@ -290,7 +298,7 @@ def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_u
 @compiled_without_allocation
 def forget(core: Any, t_us: int) -> None:
     """Drop all inputs and go to ``t_us``."""
-    core.t_us = t_us
+    core.t_us = core.origin_us = t_us
     core.running = False
     core.estimate_us = core.health_us = core.implausible_us = NEVER
     for quantity in range(N_QUANTITIES):
@@ -350,15 +358,11 @@ def run(
         if not all_finite(s):
             core.running = False
             oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
-        if core.estimate_us == NEVER or (
-            core.t_us // rules.estimate_period_us != core.estimate_us // rules.estimate_period_us
-        ):
+        if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us
             publish(core, rules, s, c, pair, rows[n_rows])
             n_rows += 1
-        if core.health_us == NEVER or (
-            core.t_us // rules.health_period_us != core.health_us // rules.health_period_us
-        ):
+        if is_due(core, core.health_us, rules.health_period_us):
             core.health_us = core.t_us
             report(core, health, health_rows[n_health])
             n_health += 1

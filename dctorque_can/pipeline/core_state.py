@@ -45,6 +45,7 @@ RULES = np.dtype(
 CORE = np.dtype(
     [
         ("t_us", "i8"),  # time of the grid; NEVER before the first sample
+        ("origin_us", "i8"),  # where the grid and all periods begin, so that only differences of time matter
         ("value", "f8", (N_QUANTITIES,)),
         ("seen_us", "i8", (N_QUANTITIES,)),
         ("available", "u1", (N_QUANTITIES,)),

@@ -51,7 +51,7 @@ class Estimator:
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due."""
         rows = np.zeros(int(np.count_nonzero(samples.last)), ESTIMATE)
-        health = np.zeros(len(rows), HEALTH) if len(rows) < 64 else np.zeros(self._most(samples), HEALTH)
+        health = np.zeros(min(len(rows), self._most_health_rows(samples)), HEALTH)
         n_rows, n_health = core.run(
             samples.t_us,
             samples.quantity,
@@ -69,10 +69,13 @@ class Estimator:
         )
         return Estimates(rows[:n_rows], health[:n_health])
 
-    def _most(self, samples: Samples) -> int:
-        """Return how many health rows the samples can give at most: one per change of period."""
-        periods = samples.t_us // int(self._rules["health_period_us"][0])
-        return int(np.count_nonzero(np.diff(periods))) + 2
+    def _most_health_rows(self, samples: Samples) -> int:
+        """Return a bound: one per period and per gap that fits into the progress of time, and per step back."""
+        steps = np.diff(samples.t_us)
+        progress = int(steps[steps > 0].sum())
+        periods = progress // int(self._rules["health_period_us"][0])
+        gaps = progress // int(self._rules["max_gap_us"][0])
+        return periods + gaps + int(np.count_nonzero(steps < 0)) + 3
 
     @property
     def health(self) -> NDArray[np.void]:

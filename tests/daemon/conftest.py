@@ -33,9 +33,7 @@ def connect(config: Config) -> Callable[[], can.BusABC]:
 def drive() -> SimulatedDrive:
     """Launch and first upshift with production signals."""
     config = load_config(shipped_config("paper_car"))
-    drive = simulate_car(config, DriveName.PAPER, ProfileName.PRODUCTION, seed=3, duration_s=7.0)
-    drive.frames.t_us[:] -= drive.frames.t_us[0] % 1_000_000  # begins with a full second
-    return drive
+    return simulate_car(config, DriveName.PAPER, ProfileName.PRODUCTION, seed=3, duration_s=7.0)
 
 
 @pytest.fixture

@@ -98,7 +98,7 @@ def test_a_replay_of_a_live_log_gives_the_same_bits(live_log: Path, config: Conf
 def test_a_replay_of_the_same_frames_in_asc_gives_the_same_bits(
     live_log: Path, config: Config, tmp_path: Path
 ) -> None:
-    """ASC keeps differences of time only, so the times differ by one constant: here by whole periods."""
+    """ASC keeps differences of time only, so the times differ by one constant, whatever it is."""
     with open_log(live_log) as log:
         received = Frames.concatenate(frames[(frames.flags & FrameFlag.SENT) == 0] for frames in log.frames())
     write_frames(tmp_path / "live.asc", received)

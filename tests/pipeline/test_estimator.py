@@ -143,6 +143,17 @@ def test_cuts_change_no_bit(data, cuts):
     assert np.concatenate([p.health for p in parts]).tobytes() == whole.health.tobytes()
 
 
+@given(noisy_traffic(), st.integers(-(10**15), 10**15))
+def test_only_differences_of_time_matter(data, shift_us):
+    """A log that keeps relative times alone (ASC) gives the same estimates."""
+    here = Estimator(SETTINGS).feed(data)
+    there = Estimator(SETTINGS).feed(replace(data, t_us=data.t_us + shift_us))
+    there.rows["t_us"] -= shift_us
+    there.health["t_us"] -= shift_us
+    assert there.rows.tobytes() == here.rows.tobytes()
+    assert there.health.tobytes() == here.health.tobytes()
+
+
 @given(
     st.lists(
         st.tuples(
