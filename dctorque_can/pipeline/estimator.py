@@ -19,6 +19,7 @@ from dctorque_can.pipeline.settings import Settings
 SETTLING = 5.0  # time constants of the slowest part before an estimate counts as converged
 CAPACITY_MARGIN = 1.5  # an estimate beyond this multiple of the static capacity is limited and marked
 WIDEST = 1e6  # no input of any kind can be larger, rad/s, N·m, …
+FEW_FRAMES = 64
 SMALLEST_RATIO_STEP = 1e-3  # relative; closer total ratios of two shafts make (65), (66) singular
 
 
@@ -51,7 +52,8 @@ class Estimator:
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due."""
         rows = np.zeros(int(np.count_nonzero(samples.last)), ESTIMATE)
-        health = np.zeros(min(len(rows), self._most_health_rows(samples)), HEALTH)
+        few = len(rows) <= FEW_FRAMES  # a live batch: reckoning costs more than room
+        health = np.zeros(len(rows) if few else self._most_health_rows(samples), HEALTH)
         n_rows, n_health = core.run(
             samples.t_us,
             samples.quantity,
