@@ -39,6 +39,7 @@ class Decoder:
     * An input of several messages is renewed by each of them with the latest values of the others while those are
       younger than the input's timeout; otherwise there is no sample. The range holds for the sum: OUT_OF_RANGE
       leaves the terms as received, so that the next frame can repair the sum.
+    * A frame with one value out of range is not trusted at all: every quantity of it is OUT_OF_RANGE.
 
     The result does not depend on how the frames are cut into batches. Making a decoder compiles the loop, or loads
     it from disk, so that the first frame is as quick as the next.

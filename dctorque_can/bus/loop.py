@@ -174,6 +174,18 @@ def _renew_term(
 
 
 @compiled_without_allocation
+def _reject_whole_frame(first: int, n: int, value: NDArray[np.float64], status: NDArray[np.uint8]) -> None:
+    """Trust nothing in a frame that has one value out of range."""
+    rejected = False
+    for k in range(first, n):
+        rejected |= status[k] == OUT_OF_RANGE
+    if rejected:
+        for k in range(first, n):
+            value[k] = 0.0
+            status[k] = OUT_OF_RANGE
+
+
+@compiled_without_allocation
 def decode_frames(
     t_us: NDArray[np.int64],
     can_id: NDArray[np.uint32],
@@ -243,4 +255,5 @@ def decode_frames(
                 n += 1
         if n > first:
             out_last[n - 1] = True
+            _reject_whole_frame(first, n, out_value, out_status)
     return n

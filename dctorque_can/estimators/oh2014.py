@@ -169,9 +169,18 @@ def right_hand_side(
 
 
 @compiled_without_allocation
-def driving_loss(c: Any, s: Any) -> float:
-    """Return the factor from the torque at the wheels to the torque before gear and final drive losses."""
-    return 1.0 / c.efficiency if s.T_n + s.a_w * s.tau_o >= 0.0 else float(c.efficiency)
+def loss_factor(c: Any, pair: Any, T_o: float) -> float:
+    """Return the factor from a torque at the wheels to the one before gear and final drive losses.
+
+    The engine drives when torque and ratio have the same sign, also in reverse.
+    """
+    return 1.0 / c.efficiency if T_o * pair.R_s >= 0.0 else float(c.efficiency)
+
+
+@compiled_without_allocation
+def after_losses(c: Any, pair: Any, T_o: float) -> float:
+    """Return the torque at the wheels of a torque before gear and final drive losses, N·m."""
+    return float(T_o / loss_factor(c, pair, T_o))
 
 
 @compiled_without_allocation
@@ -179,7 +188,8 @@ def shaft_acceleration(s: Any, c: Any, pair: Any) -> float:
     """Return the model's dω/dt of the side's shaft, (63) without innovation; rad/s²."""
     if pair.side == 0:
         return 0.0
-    T_o = driving_loss(c, s) * (s.T_n + s.a_w * s.tau_o)  # (47), before the losses
+    T_o = s.T_n + s.a_w * s.tau_o  # (47)
+    T_o *= loss_factor(c, pair, T_o)
     return float((s.T_a - T_o / pair.R_s) / pair.J_es)  # (63)
 
 
@@ -238,26 +248,30 @@ def add_shaft_torques(s: Any, change: tuple[float, float]) -> None:
 
 
 @compiled_without_allocation
-def settle(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, dt: float) -> bool:
-    """Draw the clutch torques to the unknown input estimates (37), (38) over ``dt``; learn the road load.
-
-    Returns:
-        Whether the road load was learned.
-    """
+def settle(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, dt: float) -> None:
+    """Draw the clutch torques to the unknown input estimates (37), (38) over ``dt``."""
     s.T_c1_uio, s.T_c2_uio = unknown_input_torques(pair, s.T_c, s.T_a, carries_1, carries_2)
     share = 1.0 - math.exp(-c.L * dt)
     s.T_c1 = s.T_c1 + share * (s.T_c1_uio - s.T_c1) if carries_1 else 0.0
     s.T_c2 = s.T_c2 + share * (s.T_c2_uio - s.T_c2) if carries_2 else 0.0
+
+
+@compiled_without_allocation
+def learn_road_load(s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, dt: float) -> bool:
+    """Renew the known part T_n of the output torque over ``dt``; return whether it was learned.
+
+    While at most one clutch carries torque, that is T_c alone. So T_a is known, and what the clutch-side observer
+    finds instead belongs to the output torque. At rest the brakes may hold anything, and nothing is learned.
+    """
     if c.road_load == RoadLoad.FLAT:
         s.T_n = flat_road_load(c, s.w_w)
-    if c.road_load == RoadLoad.LEARNED and pair.side != 0 and not (carries_1 and carries_2):
-        # one clutch carries T_c alone, so T_a is known and what it misses belongs to the output torque
-        R_own = pair.R_1 if carries_1 else pair.R_2
-        T_a = s.T_c * R_own / pair.R_s if carries_1 or carries_2 else 0.0
-        error = pair.R_s / driving_loss(c, s) * (T_a - s.T_a)
-        s.T_n += (1.0 - math.exp(-dt / c.T_road)) * error
-        return True
-    return False
+    if c.road_load != RoadLoad.LEARNED or pair.side == 0 or (carries_1 and carries_2) or abs(s.w_w) < STANDSTILL:
+        return False
+    R_own = pair.R_1 if carries_1 else pair.R_2
+    T_a = s.T_c * R_own / pair.R_s if carries_1 or carries_2 else 0.0
+    factor = loss_factor(c, pair, s.T_n + s.a_w * s.tau_o)
+    s.T_n += (1.0 - math.exp(-dt / c.T_road)) * pair.R_s / factor * (T_a - s.T_a)
+    return True
 
 
 @compiled_without_allocation

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import oh2014, oh2014_model
-from dctorque_can.estimators.design import SubObserver
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
@@ -25,24 +24,17 @@ from dctorque_can.pipeline.decisions import (
     decide_phases,
     inputs_complete,
     mark_stale,
-    plausible,
+    speeds_fit,
     wheel_speeds,
+    wheels_in_use,
 )
-from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
 
-MAX_SAMPLE_INTERVAL = 0.1  # s; a speed that was away longer corrects as if it had been away so long
-"""Interval of samples beyond which a correction is not stretched any further."""
+LATEST_US = 2**60  # times beyond ±36 000 years are taken as this, so that differences never overflow
+ROAD_LOAD_MEMORY_US = 5_000_000  # for so long a pause the learned road load still holds
 
-_OUTPUT_VALID = int(Status.OUTPUT_VALID)
-_ALL_VALID = int(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID)
-_GEARS_KNOWN = int(Status.GEARS_KNOWN)
-_PHASES_KNOWN = int(Status.PHASES_KNOWN)
-_ROAD_LOAD_LEARNED = int(Status.ROAD_LOAD_LEARNED)
-_CONVERGED = int(Status.CONVERGED)
-_INPUT_STALE = int(Status.INPUT_STALE)
-_SPEED_IMPLAUSIBLE = int(Status.SPEED_IMPLAUSIBLE)
-_LIMITED = int(Status.LIMITED)
+_OUT_OF_RANGE = int(SampleStatus.OUT_OF_RANGE)
 
 
 @compiled_without_allocation
@@ -54,14 +46,19 @@ def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any) -> None:
         core.shaft_us[i] = core.t_us
     oh2014_model.set_pair(pair, c, core.gear[0], core.gear[1])
     w_s = core.w_c[1] if pair.side == 2 else core.w_c[0]
+    T_n, pause_us = s.T_n, core.t_us - core.settled_us
     oh2014.reset(s, c, core.value[ENGINE_SPEED], w_s, w_w, core.value[ENGINE_TORQUE])
+    if 0 <= pause_us < ROAD_LOAD_MEMORY_US and core.learned_us > 0:
+        s.T_n = T_n
+    else:
+        core.learned_us = 0
     core.running = True
-    core.learned_us = 0
+    core.wheels = wheels_in_use(core)
     core.reset_us = core.settled_us = core.engine_us = core.wheel_us = core.twist_us = core.t_us
 
 
 @compiled_without_allocation
-def advance(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_us: int) -> None:
+def advance(core: Any, rules: Any, s: Any, c: Any, pair: Any, t_us: int) -> None:
     """Move the grid to ``t_us``: whole steps, then the rest of a step up to the frame."""
     while core.t_us < t_us:
         until = min(t_us, core.t_us + rules.step_us - (core.t_us - core.origin_us) % rules.step_us)
@@ -75,8 +72,8 @@ def advance(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_us:
 
 @compiled_without_allocation
 def interval(t_us: int, last_us: int) -> float:
-    """Return the seconds between two samples of one speed, bounded away from zero and from long silences."""
-    return min(max((t_us - last_us) * 1e-6, 1e-4), MAX_SAMPLE_INTERVAL)
+    """Return the seconds between two samples of one speed, bounded away from zero."""
+    return max((t_us - last_us) * 1e-6, 1e-4)
 
 
 @compiled_without_allocation
@@ -93,7 +90,21 @@ def take_gears(core: Any, s: Any, c: Any, pair: Any) -> None:
 
 
 @compiled_without_allocation
-def correct_shafts(core: Any, s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool) -> None:
+def correct_wheels(core: Any, rules: Any, s: Any, c: Any) -> None:
+    """Let new wheel speeds take effect; when other wheels take over, their offset is not an acceleration."""
+    _, _, _, w_w, fresh = wheel_speeds(core, rules)
+    wheels = wheels_in_use(core)
+    if wheels != core.wheels:
+        s.w_w = w_w
+        core.wheels = wheels
+        core.wheel_us = core.t_us
+    elif fresh:
+        oh2014.correct_wheel(s, c, w_w, interval(core.t_us, core.wheel_us))
+        core.wheel_us = core.t_us
+
+
+@compiled_without_allocation
+def correct_shafts(core: Any, s: Any, c: Any, pair: Any, carries_1: bool, carries_2: bool, fits: bool) -> None:
     """Let new input-shaft speeds take effect: on the clutch-side observer, and by their twist on both torques."""
     if not (core.fresh[SPEED_1] or core.fresh[SPEED_1 + 1]):
         return
@@ -109,7 +120,7 @@ def correct_shafts(core: Any, s: Any, c: Any, pair: Any, carries_1: bool, carrie
         core.shaft_us[i] = core.t_us
     if core.shaft_us[0] == NEVER or core.shaft_us[1] == NEVER:
         return
-    if core.twist_us != NEVER:
+    if core.twist_us != NEVER and fits:
         # trapezoidal rule over the time since both shafts were last compared
         w_c1 = 0.5 * (core.w_c[0] + core.w_c_last[0])
         w_c2 = 0.5 * (core.w_c[1] + core.w_c_last[1])
@@ -135,21 +146,23 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
     if not core.running:
         restart(core, rules, s, c, pair)
     take_gears(core, s, c, pair)
-    gating = c.gating
-    carries_1 = pair.g1 != 0 and (core.closed[0] or not gating)
-    carries_2 = pair.g2 != 0 and (core.closed[1] or not gating)
+    fits = speeds_fit(core, rules, pair)
+    core.may_carry[0] = pair.g1 != 0 and core.closed[0]
+    core.may_carry[1] = pair.g2 != 0 and core.closed[1]
+    carries_1 = core.may_carry[0] or (pair.g1 != 0 and not c.gating)
+    carries_2 = core.may_carry[1] or (pair.g2 != 0 and not c.gating)
 
-    _, _, _, w_w, wheel_fresh = wheel_speeds(core, rules)
-    if wheel_fresh:
-        oh2014.correct_wheel(s, c, w_w, interval(core.t_us, core.wheel_us))
-        core.wheel_us = core.t_us
+    correct_wheels(core, rules, s, c)
     if core.fresh[ENGINE_SPEED]:
         h = interval(core.t_us, core.engine_us)
         oh2014.correct_engine(s, c, pair, carries_1, carries_2, core.value[ENGINE_SPEED], h)
         core.engine_us = core.t_us
-    correct_shafts(core, s, c, pair, carries_1, carries_2)
+    correct_shafts(core, s, c, pair, carries_1, carries_2, fits)
     elapsed_us = core.t_us - core.settled_us
-    if oh2014.settle(s, c, pair, carries_1, carries_2, elapsed_us * 1e-6):
+    oh2014.settle(s, c, pair, carries_1, carries_2, elapsed_us * 1e-6)
+    if fits and oh2014.learn_road_load(
+        s, c, pair, bool(core.may_carry[0]), bool(core.may_carry[1]), elapsed_us * 1e-6
+    ):
         core.learned_us += elapsed_us
     core.settled_us = core.t_us
 
@@ -162,99 +175,6 @@ def all_finite(s: Any) -> bool:
 
 
 @compiled_without_allocation
-def judge(core: Any, rules: Any, pair: Any, limited: bool, adaptive: bool) -> int:
-    """Return the `Status` bits of an estimate."""
-    status = 0
-    settled = core.running and core.t_us - core.reset_us >= rules.settling_us
-    fits = plausible(core, rules, pair)
-    if core.gear_known[0] and core.gear_known[1]:
-        status |= _GEARS_KNOWN
-    if core.closed_known[0] and core.closed_known[1]:
-        status |= _PHASES_KNOWN
-    if settled:
-        status |= _CONVERGED
-    if core.running and core.learned_us >= rules.learning_us:
-        status |= _ROAD_LOAD_LEARNED
-    if not core.running:
-        status |= _INPUT_STALE
-    if limited:
-        status |= _LIMITED
-    if not fits:
-        status |= _SPEED_IMPLAUSIBLE
-    if settled and fits and not limited:
-        status |= _OUTPUT_VALID if adaptive else _ALL_VALID
-    return status
-
-
-@compiled_without_allocation
-def bounded(value: float, limit: float) -> float:
-    """Return ``value`` within ±limit."""
-    return min(max(value, -limit), limit)
-
-
-@compiled_without_allocation
-def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, row: Any) -> None:
-    """Write one estimate."""
-    row.t_us = core.t_us
-    full = rules.sub_observer == SubObserver.FULL
-    adaptive = rules.sub_observer == SubObserver.ADAPTIVE
-    T_1 = s.T_c1 if full else s.T_c1_uio
-    T_2 = s.T_c2 if full else s.T_c2_uio
-    if adaptive:
-        T_1 = T_2 = 0.0
-    T_o_adaptive = s.T_n + s.a_w * s.tau_o  # (47)
-    T_o = (pair.R_1 * T_1 + pair.R_2 * T_2) / oh2014.driving_loss(c, s)  # (31), after the losses
-    if adaptive:
-        T_o = T_o_adaptive
-    row.clutch1_torque_nm = bounded(T_1, rules.torque_limit[0])
-    row.clutch2_torque_nm = bounded(T_2, rules.torque_limit[1])
-    row.output_torque_nm = bounded(T_o, rules.output_limit)
-    row.output_torque_adaptive_nm = bounded(T_o_adaptive, rules.output_limit)
-    row.clutch1_torque_uio_nm = bounded(s.T_c1_uio, rules.torque_limit[0])
-    row.clutch2_torque_uio_nm = bounded(s.T_c2_uio, rules.torque_limit[1])
-    row.clutch_torque_sum_nm = s.T_c
-    row.engine_torque_nm = core.value[ENGINE_TORQUE] + s.w_e * s.tau_e  # (46)
-    row.road_load_nm = s.T_n
-    row.engine_speed_rad_s = s.w_e
-    row.clutch1_slip_rad_s = s.w_e - core.w_c[0]
-    row.clutch2_slip_rad_s = s.w_e - core.w_c[1]
-    row.wheel_acceleration_rad_s2 = s.a_w
-    row.gear1 = core.gear[0]
-    row.gear2 = core.gear[1]
-    row.phase1 = core.phase[0]
-    row.phase2 = core.phase[1]
-
-    limited = (
-        row.clutch1_torque_nm != T_1
-        or row.clutch2_torque_nm != T_2
-        or row.output_torque_nm != T_o
-        or row.output_torque_adaptive_nm != T_o_adaptive
-    )
-    core.status = judge(core, rules, pair, limited, adaptive)
-    row.status = core.status
-
-
-@compiled_without_allocation
-def report(core: Any, health: Any, row: Any) -> None:
-    """Copy the counters into a health row."""
-    row.t_us = core.t_us
-    for quantity in range(N_QUANTITIES):
-        row.accepted[quantity] = health.accepted[quantity]
-        row.not_available[quantity] = health.not_available[quantity]
-        row.out_of_range[quantity] = health.out_of_range[quantity]
-        row.bad_length[quantity] = health.bad_length[quantity]
-        row.bad_crc[quantity] = health.bad_crc[quantity]
-        row.bad_counter[quantity] = health.bad_counter[quantity]
-        row.timeouts[quantity] = health.timeouts[quantity]
-        seen = core.seen_us[quantity]
-        row.age_us[quantity] = core.t_us - seen if seen != NEVER else -1
-    row.late_frames = health.late_frames
-    row.gap_resets = health.gap_resets
-    row.clock_resets = health.clock_resets
-    row.status = core.status
-
-
-@compiled_without_allocation
 def is_due(core: Any, last_us: int, period_us: int) -> bool:
     """Return whether another period has begun since ``last_us``."""
     if last_us == NEVER:
@@ -263,9 +183,16 @@ def is_due(core: Any, last_us: int, period_us: int) -> bool:
 
 
 @compiled_without_allocation
-def count_rejected(health: Any, quantity: int, status: int) -> None:
-    """Count a sample that may not be used."""
-    if status == SampleStatus.NOT_AVAILABLE:
+def take_value(core: Any, health: Any, quantity: int, value: float, status: int) -> None:
+    """Keep a usable value; only count another one, whose input then ages until its timeout."""
+    if status == SampleStatus.OK:
+        core.value[quantity] = value
+        core.seen_us[quantity] = core.t_us
+        core.available[quantity] = True
+        core.stale[quantity] = False
+        core.fresh[quantity] = True
+        health.accepted[quantity] += 1
+    elif status == SampleStatus.NOT_AVAILABLE:
         health.not_available[quantity] += 1
     elif status == SampleStatus.OUT_OF_RANGE:
         health.out_of_range[quantity] += 1
@@ -292,7 +219,7 @@ def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_u
         health.gap_resets += 1
         forget(core, t_us)
     else:
-        advance(core, rules, s, c, pair, health, t_us)
+        advance(core, rules, s, c, pair, t_us)
 
 
 @compiled_without_allocation
@@ -302,6 +229,7 @@ def forget(core: Any, t_us: int) -> None:
     core.running = False
     core.estimate_us = core.health_us = core.implausible_us = NEVER
     for quantity in range(N_QUANTITIES):
+        core.seen_us[quantity] = NEVER
         core.available[quantity] = False
         core.stale[quantity] = False
         core.fresh[quantity] = False
@@ -333,22 +261,15 @@ def run(
     n_rows = n_health = 0
     for k in range(len(t_us)):
         quantity = int(quantities[k])
-        if statuses[k] != SampleStatus.OK:
-            count_rejected(health, quantity, statuses[k])
-            if statuses[k] == SampleStatus.NOT_AVAILABLE:
-                core.available[quantity] = False
-        elif not rules.minimum[quantity] <= values[k] <= rules.maximum[quantity]:
-            health.out_of_range[quantity] += 1
-        else:
-            if not core.frame_ok:
-                take_time(core, rules, s, c, pair, health, t_us[k])
+        if rules.mapped[quantity]:
+            status = statuses[k]
+            if status == SampleStatus.OK and not rules.minimum[quantity] <= values[k] <= rules.maximum[quantity]:
+                status = _OUT_OF_RANGE
+            if (status == SampleStatus.OK or status == SampleStatus.NOT_AVAILABLE) and not core.frame_ok:
+                # the frame itself is sound, so its time counts even if it brings no value
+                take_time(core, rules, s, c, pair, health, min(max(t_us[k], -LATEST_US), LATEST_US))
                 core.frame_ok = True
-            core.value[quantity] = values[k]
-            core.seen_us[quantity] = core.t_us
-            core.available[quantity] = True
-            core.stale[quantity] = False
-            core.fresh[quantity] = True
-            health.accepted[quantity] += 1
+            take_value(core, health, quantity, values[k], status)
         if not lasts[k] or not core.frame_ok:
             continue
         act(core, rules, s, c, pair, health)
@@ -357,6 +278,8 @@ def run(
             core.fresh[q] = False
         if not all_finite(s):
             core.running = False
+            core.learned_us = 0
+            health.numeric_resets += 1
             oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
         if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us

@@ -37,6 +37,7 @@ RULES = np.dtype(
         ("torque_limit", "f8", (2,)),
         ("output_limit", "f8"),
         ("sub_observer", "i8"),
+        ("learns", "?"),  # the road load is learned
     ],
     align=True,
 )
@@ -71,6 +72,8 @@ CORE = np.dtype(
         ("phase", "u1", (2,)),
         ("slip_small_us", "i8", (2,)),  # since when the slip is small
         ("implausible_us", "i8"),  # since when shaft and wheel speed disagree, NEVER if they agree
+        ("wheels", "i8"),  # which wheels gave the acceleration last, one bit each
+        ("may_carry", "u1", (2,)),  # closed, or not known to be open, and in gear
         ("estimate_us", "i8"),
         ("health_us", "i8"),
         ("status", "u4"),

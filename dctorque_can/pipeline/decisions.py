@@ -7,7 +7,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase, PhaseSource
-from dctorque_can.estimators import oh2014_model
+from dctorque_can.estimators import oh2014, oh2014_model
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity
 from dctorque_can.pipeline.settings import DrivenAxle
@@ -20,6 +20,7 @@ GEAR_1 = int(Quantity.GEAR1)
 POSITION_1 = int(Quantity.CLUTCH1_POSITION)
 OPEN_1 = int(Quantity.CLUTCH1_OPEN)
 COMMAND_1 = int(Quantity.CLUTCH1_COMMAND)
+BRAKE = int(Quantity.BRAKE)
 IMPLAUSIBLE_RATIO = 0.15
 IMPLAUSIBLE_TIME_US = 300_000
 
@@ -73,11 +74,16 @@ def decide_gears(core: Any, rules: Any, c: Any) -> None:
             core.gear_known[i] = known
             if known:
                 gear = int(core.value[GEAR_1 + i])
-                exists = -1 <= gear <= oh2014_model.MAX_GEAR and (gear == 0 or c.i_t[gear + 1] != 0.0)
+                in_table = -1 <= gear <= oh2014_model.MAX_GEAR
+                exists = gear == 0 or (in_table and c.shaft[gear + 1] == i + 1)
                 core.gear_known[i] = exists
                 core.gear[i] = gear if exists else 0
             continue
         known, w_d, _, _, _ = wheel_speeds(core, rules)
+        if known and abs(w_d) < oh2014.STANDSTILL:
+            # at rest every gear fits: the lowest is expected at the next start, and is not known until it shows
+            core.gear_known[i] = False
+            core.gear[i] = lowest_gear(c, i + 1)
         if not known or not usable(core, SPEED_1 + i) or abs(w_d) < rules.min_wheel_speed:
             continue  # too slow to tell: the last gear is kept
         best, error = 0, math.inf
@@ -100,6 +106,15 @@ def decide_gears(core: Any, rules: Any, c: Any) -> None:
             core.gear[i] = wanted
             core.gear_known[i] = True
             core.candidate_us[i] = NEVER
+
+
+@compiled_without_allocation
+def lowest_gear(c: Any, shaft: int) -> int:
+    """Return the lowest forward gear of a shaft, 0 for none."""
+    for gear in range(1, oh2014_model.MAX_GEAR + 1):
+        if c.shaft[gear + 1] == shaft:
+            return gear
+    return 0
 
 
 @compiled_without_allocation
@@ -147,23 +162,48 @@ def mark_stale(core: Any, rules: Any, health: Any) -> None:
 
 
 @compiled_without_allocation
+def any_stale(core: Any) -> bool:
+    """Return whether an input that was there is older than its timeout."""
+    stale = False
+    for quantity in range(N_QUANTITIES):
+        stale |= bool(core.stale[quantity])
+    return stale
+
+
+@compiled_without_allocation
+def wheels_in_use(core: Any) -> int:
+    """Return one bit for each wheel whose speed is usable."""
+    bits = 0
+    for k in range(4):
+        if usable(core, WHEEL + k):
+            bits |= 1 << k
+    return bits
+
+
+@compiled_without_allocation
+def braking(core: Any) -> bool:
+    """Return whether the bus says that the brake is on."""
+    return usable(core, BRAKE) and core.value[BRAKE] > 0.0
+
+
+@compiled_without_allocation
 def inputs_complete(core: Any, rules: Any) -> bool:
     """Return whether the observer has all it needs: engine, both shafts, gears and a wheel speed."""
     _, _, wheels, _, _ = wheel_speeds(core, rules)
-    return (
+    gears = rules.infer_gears or (core.gear_known[0] and core.gear_known[1])
+    return bool(
         wheels
+        and gears
         and usable(core, ENGINE_SPEED)
         and usable(core, ENGINE_TORQUE)
         and usable(core, SPEED_1)
         and usable(core, SPEED_1 + 1)
-        and bool(core.gear_known[0])
-        and bool(core.gear_known[1])
     )
 
 
 @compiled_without_allocation
-def plausible(core: Any, rules: Any, pair: Any) -> bool:
-    """Return whether the shaft speeds have fitted gears and wheels within the last while."""
+def speeds_fit(core: Any, rules: Any, pair: Any) -> bool:
+    """Return whether the shaft speeds fit gears and wheels now, and remember since when they do not."""
     known, w_d, _, _, _ = wheel_speeds(core, rules)
     fits = True
     if known and abs(w_d) > rules.min_wheel_speed:
@@ -171,8 +211,11 @@ def plausible(core: Any, rules: Any, pair: Any) -> bool:
             fits = False
         if pair.g2 != 0 and abs(core.w_c[1] / (pair.R_2 * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
             fits = False
-    if fits:
-        core.implausible_us = NEVER
-    elif core.implausible_us == NEVER:
-        core.implausible_us = core.t_us
-    return fits or core.t_us - core.implausible_us < IMPLAUSIBLE_TIME_US
+    if not fits:
+        if core.implausible_us == NEVER:
+            core.implausible_us = core.t_us
+        return False
+    if core.implausible_us != NEVER and core.t_us - core.implausible_us >= IMPLAUSIBLE_TIME_US:
+        core.reset_us = core.t_us  # what was estimated meanwhile must settle anew
+    core.implausible_us = NEVER
+    return True

@@ -21,7 +21,7 @@ class Status(IntFlag):
     PHASES_KNOWN = 16
     ROAD_LOAD_LEARNED = 32
     CONVERGED = 64  # enough time has passed since the last reset
-    INPUT_STALE = 128  # a required input is older than its timeout
+    INPUT_STALE = 128  # an input is older than its timeout, or a required one was never there
     SPEED_IMPLAUSIBLE = 256  # e.g. shaft speed does not fit gear and wheel speed
     LIMITED = 512  # an estimate hit its plausibility limit
 
@@ -66,6 +66,7 @@ HEALTH = np.dtype(
         ("late_frames", "u4"),  # older than the grid, taken at the grid's time
         ("gap_resets", "u4"),
         ("clock_resets", "u4"),
+        ("numeric_resets", "u4"),  # a state was no number any more
         ("status", "u4"),  # Status of the last estimate
     ],
 )

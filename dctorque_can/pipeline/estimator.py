@@ -11,15 +11,16 @@ from dctorque_can.driveline.parameters import Clutch, Vehicle
 from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import oh2014, oh2014_model
+from dctorque_can.estimators.design import RoadLoad
 from dctorque_can.pipeline import core, core_state
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
-from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity, Samples
+from dctorque_can.pipeline.rows import report
+from dctorque_can.pipeline.samples import N_QUANTITIES, Samples
 from dctorque_can.pipeline.settings import Settings
 
 SETTLING = 5.0  # time constants of the slowest part before an estimate counts as converged
 CAPACITY_MARGIN = 1.5  # an estimate beyond this multiple of the static capacity is limited and marked
 WIDEST = 1e6  # no input of any kind can be larger, rad/s, N·m, …
-FEW_FRAMES = 64
 SMALLEST_RATIO_STEP = 1e-3  # relative; closer total ratios of two shafts make (65), (66) singular
 
 
@@ -40,7 +41,15 @@ class Estimator:
         self._rules = _rules(settings)
         self._constants = oh2014_model.constants(settings.vehicle, settings.observer)
         self._core = np.zeros(1, core_state.CORE)
-        for name in ("t_us", "estimate_us", "health_us", "implausible_us", "seen_us", "candidate_us"):
+        for name in (
+            "t_us",
+            "settled_us",
+            "estimate_us",
+            "health_us",
+            "implausible_us",
+            "seen_us",
+            "candidate_us",
+        ):
             self._core[name] = core_state.NEVER
         self._core["slip_small_us"] = core_state.NEVER
         self._core["closed"] = True
@@ -52,8 +61,7 @@ class Estimator:
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due."""
         rows = np.zeros(int(np.count_nonzero(samples.last)), ESTIMATE)
-        few = len(rows) <= FEW_FRAMES  # a live batch: reckoning costs more than room
-        health = np.zeros(len(rows) if few else self._most_health_rows(samples), HEALTH)
+        health = np.zeros(len(rows), HEALTH)  # untouched rows cost no memory
         n_rows, n_health = core.run(
             samples.t_us,
             samples.quantity,
@@ -69,21 +77,13 @@ class Estimator:
             rows,
             health,
         )
-        return Estimates(rows[:n_rows], health[:n_health])
-
-    def _most_health_rows(self, samples: Samples) -> int:
-        """Return a bound: one per period and per gap that fits into the progress of time, and per step back."""
-        steps = np.diff(samples.t_us)
-        progress = int(steps[steps > 0].sum())
-        periods = progress // int(self._rules["health_period_us"][0])
-        gaps = progress // int(self._rules["max_gap_us"][0])
-        return periods + gaps + int(np.count_nonzero(steps < 0)) + 3
+        return Estimates(rows[:n_rows], health[:n_health].copy())
 
     @property
     def health(self) -> NDArray[np.void]:
         """`HEALTH` ``[1]``: the counters at the time of the last frame."""
         row = np.zeros(1, HEALTH)
-        core.report(self._core[0], self._health[0], row[0])
+        report(self._core[0], self._health[0], row[0])
         return row
 
 
@@ -143,6 +143,7 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     r["torque_limit"] = limits
     r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
     r["sub_observer"] = design.sub_observer
+    r["learns"] = design.road_load is RoadLoad.LEARNED
     return rules
 
 
@@ -166,12 +167,3 @@ def _refuse_singular_pairs(vehicle: Vehicle) -> None:
             )
     if wrong:
         raise DctorqueError("vehicle: " + "; ".join(wrong))
-
-
-REQUIRED = (
-    Quantity.ENGINE_SPEED,
-    Quantity.ENGINE_TORQUE,
-    Quantity.SHAFT1_SPEED,
-    Quantity.SHAFT2_SPEED,
-)
-"""Inputs without which there is no estimate; besides, at least one wheel speed and the gears."""

@@ -215,17 +215,22 @@ def test_rejected_samples_change_nothing_but_counters():
 
 
 def test_engine_torque_missing():
-    """Engine torque stops for 300 ms: marked stale after its timeout, estimates held, valid again afterwards."""
+    """Engine torque stops for 300 ms: held until its timeout, then stale and not valid; valid again after."""
     values, _, _ = locked_in_first()
     data = traffic(3.0, values)
     gone = (data.quantity == Q.ENGINE_TORQUE) & (data.t_us > 1_000_000) & (data.t_us < 1_300_000)
     status = np.where(gone, SampleStatus.NOT_AVAILABLE, data.status).astype(np.uint8)
     estimator = Estimator(SETTINGS)
     rows = estimator.feed(Samples(data.t_us, data.quantity, data.value, status, data.last)).rows
-    during = rows[(rows["t_us"] > 1_050_000) & (rows["t_us"] < 1_290_000)]
+    before = rows[(rows["t_us"] > 1_050_000) & (rows["t_us"] < 1_090_000)]
+    assert (before["status"] & Status.CLUTCH1_VALID).all()
+    during = rows[(rows["t_us"] > 1_110_000) & (rows["t_us"] < 1_290_000)]
     assert (during["status"] & Status.INPUT_STALE).all()
     assert not (during["status"] & (Status.CLUTCH1_VALID | Status.OUTPUT_VALID)).any()
     assert len(np.unique(during["clutch1_torque_nm"])) == 1
+    after = rows[np.searchsorted(rows["t_us"], 1_450_000)]
+    assert after["status"] & Status.CLUTCH1_VALID
+    assert after["status"] & Status.ROAD_LOAD_LEARNED  # not forgotten over a short pause
     assert rows[-1]["status"] & Status.CLUTCH1_VALID
 
 
