@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NO_ESTIMATE = "no valid estimate"
 AXLE = "other wheel of the axle"
-PHASE = "clutch counts as closed"
+PHASE = "validity: clutch counts as closed"
 RECORDED = "nothing (recorded only)"
 LOST = {
     "engine_speed": NO_ESTIMATE,
@@ -43,7 +43,7 @@ LOST = {
     "clutch2_command": PHASE,
     "acceleration": RECORDED,
     "grade": RECORDED,
-    "brake": RECORDED,
+    "brake": "mark of braking between clutches",
 }
 """What is lost while an input is stale or missing, by quantity."""
 
