@@ -34,6 +34,7 @@ class PythonCanFrames:
         self.problems: list[str] = []
         self.fraction = 0.0
         self._numbers = ChannelNumbers()
+        self._closed = False
         try:
             self._reader = can.LogReader(path)
         except NotImplementedError as error:
@@ -45,13 +46,17 @@ class PythonCanFrames:
 
     def frames(self) -> Iterator[Frames]:
         """Yield the frames in batches; stops with a problem line where python-can gives up."""
-        with self._reader as reader:
-            yield from _batches(self.path, iter(reader), self._numbers, self.problems)
+        try:
+            yield from _batches(self.path, iter(self._reader), self._numbers, self.problems)
+        finally:
+            self.close()
         self.fraction = 1.0
 
     def close(self) -> None:
-        """Close the file."""
-        self._reader.stop()
+        """Close the file; again does nothing, which python-can's own reader does not take."""
+        if not self._closed:
+            self._closed = True
+            self._reader.stop()
 
 
 class PythonCanTextFrames:

@@ -94,6 +94,16 @@ def test_mf4(tmp_path):
     assert_same_frames(got, frames)
 
 
+def test_an_mf4_is_closed_once_however_it_was_read(tmp_path):
+    pytest.importorskip("asammdf")
+    path = tmp_path / "x.mf4"
+    write_frames(path, frames_of([frame(START + i, 0x100) for i in range(20)]))
+    for wanted in (0, 1, 20):
+        with open_log(path) as log:
+            count = sum(len(part) for _, part in zip(range(wanted), log.frames(batch=1), strict=False))
+            assert count == wanted
+
+
 CANDUMP_LINES = st.one_of(
     st.sampled_from(
         [
