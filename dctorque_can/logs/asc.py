@@ -94,7 +94,8 @@ class Asc:
             _END_OF_HEADER,
             lambda lines: bad.append(lines.last),
         )
-        with warnings_of("can.io.asc", lambda: None):  # of lengths that differ; it takes the data that are there
+        # It warns of lengths that differ, and takes the data that are there.
+        with warnings_of("can.io.asc", lambda text: None):
             return list(messages), bad
 
 

@@ -72,13 +72,13 @@ def each_message(
 
 
 @contextmanager
-def warnings_of(logger: str, told: Callable[[], None]) -> Iterator[None]:
-    """Call ``told`` for every warning that python-can logs to ``logger``, instead of showing it."""
+def warnings_of(logger: str, told: Callable[[str], None]) -> Iterator[None]:
+    """Give every warning and error that a library logs to ``logger`` to ``told``, instead of showing it."""
 
     def listen(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING:
             return True
-        told()
+        told(record.getMessage())
         return False
 
     logging.getLogger(logger).addFilter(listen)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import gzip
 import itertools
 import os
-from collections.abc import Iterator
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext, suppress
+from io import IOBase
 from pathlib import Path
 from typing import TextIO
 
@@ -20,10 +23,10 @@ _BATCH = 10_000
 
 
 class PythonCanFrames:
-    """The frames of a binary file that `can.LogReader` reads.
+    """The frames of a binary file that `can.LogReader` reads, which is MF4, by asammdf.
 
     Attributes:
-        problems: why reading stopped early, one line each.
+        problems: what asammdf complains of, and why reading stopped early, one line each.
         fraction: 1 when all has been read; these formats do not say more.
     """
 
@@ -36,21 +39,47 @@ class PythonCanFrames:
         self._numbers = ChannelNumbers()
         self._closed = False
         try:
-            self._reader = can.LogReader(path)
+            with self._listening():
+                self._reader = can.LogReader(path)
         except NotImplementedError as error:
             raise LogReadError(
                 f"{path}: reading MF4 needs asammdf; install it with: pip install 'dctorque-can[mf4]'"
             ) from error
         except Exception as error:
-            raise LogReadError(f"{path}: can not be read as {path.suffix}: {_words(error)}") from error
+            _release(error)
+            raise LogReadError(f"{path}: can not be read as .mf4, damaged or cut off? {_words(error)}") from error
 
     def frames(self) -> Iterator[Frames]:
-        """Yield the frames in batches; stops with a problem line where python-can gives up."""
+        """Yield the frames in batches; stops with a problem line where python-can gives up.
+
+        Raises:
+            LogReadError: it gives up before the first frame.
+        """
+        count = 0
         try:
-            yield from _batches(self.path, iter(self._reader), self._numbers, self.problems)
+            for batch in _batches(self.path, self._messages(), self._numbers, self.problems, self._listening):
+                count += len(batch)
+                yield batch
         finally:
             self.close()
         self.fraction = 1.0
+        if self.problems and not count:
+            raise LogReadError(f"{self.problems[-1]}; nothing of this MF4 can be read")
+
+    def _messages(self) -> Iterator[can.Message]:
+        yield from self._reader
+
+    def _listening(self) -> AbstractContextManager[None]:
+        """Turn what asammdf logs into problem lines; its tracebacks into their last line."""
+
+        def note(text: str) -> None:
+            head, _, trace = text.partition("Traceback (most recent call last)")
+            words = " ".join((head + (trace.strip().rpartition("\n")[2])).split())
+            problem = f"{self.path}: {words}"
+            if problem not in self.problems:
+                self.problems.append(problem)
+
+        return warnings_of("asammdf", note)
 
     def close(self) -> None:
         """Close the file; again does nothing, which python-can's own reader does not take."""
@@ -96,7 +125,7 @@ class PythonCanTextFrames:
         with self.path.open("rb") as raw, _text(self.path, raw.fileno()) as file:
             lines = Lines(file)
             messages = each_message(lines, reader, header, self._count_bad_line)
-            with warnings_of("can.io.trc", lambda: self._count_bad_line(lines)):
+            with warnings_of("can.io.trc", lambda text: self._count_bad_line(lines)):
                 for batch in _batches(self.path, messages, self._numbers, self._problems):
                     self.fraction = min(os.lseek(raw.fileno(), 0, os.SEEK_CUR) / size, 1.0)
                     yield batch
@@ -122,14 +151,19 @@ def _text(path: Path, descriptor: int) -> TextIO:
 
 
 def _batches(
-    path: Path, messages: Iterator[can.Message], numbers: ChannelNumbers, problems: list[str]
+    path: Path,
+    messages: Iterator[can.Message],
+    numbers: ChannelNumbers,
+    problems: list[str],
+    listening: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> Iterator[Frames]:
     count = 0
     while True:
         batch: list[can.Message] = []
         failure: Exception | None = None
         try:  # what was read before the failure stays in the list
-            batch.extend(itertools.islice(messages, _BATCH))
+            with listening():
+                batch.extend(itertools.islice(messages, _BATCH))
         except Exception as error:  # noqa: BLE001 - they raise whatever a bad byte leads to
             failure = error
         count += len(batch)
@@ -139,6 +173,19 @@ def _batches(
             problems.append(f"{path}: reading stopped after {count} frames: {_words(failure)}")
         if failure is not None or len(batch) < _BATCH:
             return
+
+
+def _release(error: Exception) -> None:
+    """Close whatever a failed reader of python-can or asammdf left half open, which they do not do themselves.
+
+    A half-made MDF4 would fail once more when it is collected, with a traceback that nobody can catch.
+    """
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        owner = frame.f_locals.get("self")
+        files = [thing for thing in frame.f_locals.values() if isinstance(thing, IOBase)]
+        for thing in (owner, getattr(owner, "file", None), *files):
+            with suppress(Exception):
+                thing.close()  # type: ignore[union-attr]
 
 
 def _words(error: Exception) -> str:

@@ -1,5 +1,6 @@
 """Logs with flipped, missing and doubled bytes: never an exception, and nothing made up of nothing."""
 
+import gc
 import random
 
 import numpy as np
@@ -68,3 +69,42 @@ def test_mutilated_files_are_read_as_far_as_they_go(tmp_path, suffix, capfd):
         opened += 1
     assert opened > 50
     assert capfd.readouterr().err == ""
+
+
+def test_mutilated_mf4_gives_frames_or_one_refusal_and_never_a_traceback(tmp_path, capfd):
+    """An object that asammdf leaves half made would be told by pytest when it is collected."""
+    pytest.importorskip("asammdf")
+    path = tmp_path / "x.mf4"
+    write_frames(path, some_frames(fd=True))
+    content = path.read_bytes()
+    rng = random.Random(1)
+    refused = {"cut": 0, "corrupt": 0}
+    for share in (0.2, 0.6, 0.99, 0.999):
+        path.write_bytes(content[: int(share * len(content))])
+        refused["cut"] += not read_or_refuse(path)
+    for _ in range(40):
+        damaged = bytearray(content)
+        place = rng.randrange(8, len(content) - 40)
+        damaged[place : place + 40] = rng.randbytes(40)
+        path.write_bytes(damaged)
+        refused["corrupt"] += not read_or_refuse(path)
+    gc.collect()
+    assert refused["cut"] == 4
+    assert 5 < refused["corrupt"] < 40
+    assert capfd.readouterr().err == ""
+
+
+def read_or_refuse(path) -> bool:
+    try:
+        with open_log(path) as log:
+            frames = Frames.concatenate(log.frames())
+    except LogReadError as error:
+        lines, read = [str(error)], False
+    else:
+        lines, read = log.problems, True
+        assert len(frames) <= N
+    for line in lines:
+        assert line.startswith(str(path))
+        assert "\n" not in line
+        assert "Traceback" not in line
+    return read
