@@ -19,6 +19,7 @@ from dctorque_can.logs.text_blocks import (
     HEX,
     IRREGULAR,
     NEW_CHANNEL,
+    LastLine,
     find_channel,
     parse_hex_bytes,
     parse_time,
@@ -32,6 +33,7 @@ _STATE = int(FrameFlag.ERROR_STATE)
 _TRANSMITTED = int(FrameFlag.TRANSMITTED)
 _FD_LENGTHS = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64], np.int64)
 _END_OF_HEADER = "internal events logged\n"  # without it the reader takes the first line for its header
+_HEX_DIGIT = re.compile(r"[0-9a-fA-F]")
 _BASE = re.compile(rb"^\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I | re.M)
 
 
@@ -97,6 +99,29 @@ class Asc:
         # It warns of lengths that differ, and takes the data that are there.
         with warnings_of("can.io.asc", lambda text: None):
             return list(messages), bad
+
+    def last_line(self, line: str) -> LastLine:
+        """See `LineFormat.last_line`: the number of bytes stands before the data."""
+        if not line[0].isdigit():  # comment, end of a trigger block
+            return LastLine.WHOLE
+        words = line.split()
+        if words[1:2] == ["CANFD"]:
+            length_at = 8 if len(words) > 5 and words[5].isdigit() else 9
+            size = words[length_at : length_at + 1]
+            count = int(size[0]) if size and size[0].isdecimal() else -1
+        else:
+            length_at = 5
+            size = words[5:6] if words[4:5] == ["d"] else []
+            count = int(size[0], 16) if size and _HEX_DIGIT.fullmatch(size[0]) else -1
+            count = min(count, 8)
+        if count < 0:
+            return LastLine.UNSURE
+        data = words[length_at + 1 : length_at + 1 + count]
+        if len(data) < count:
+            return LastLine.PART
+        if self._base == "dec":
+            return LastLine.UNSURE
+        return LastLine.WHOLE if all(len(word) == 2 for word in data) else LastLine.PART
 
 
 @compiled

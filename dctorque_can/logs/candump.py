@@ -16,6 +16,7 @@ from dctorque_can.logs.text_blocks import (
     IRREGULAR,
     LONGEST_NAME,
     NEW_CHANNEL,
+    LastLine,
     find_channel,
     parse_hex_bytes,
     parse_time,
@@ -75,6 +76,19 @@ class Candump:
         lines = Lines(io.StringIO(text, newline=None))
         messages = each_message(lines, can.CanutilsLogReader, "", lambda lines: bad.append(lines.last))
         return list(messages), bad
+
+    def last_line(self, line: str) -> LastLine:
+        """See `LineFormat.last_line`: the number of bytes stands nowhere."""
+        words = line.split()
+        if len(words) == 4:  # the direction stands behind the data
+            return LastLine.WHOLE
+        _, _, data = words[-1].partition("#")
+        if len(words) != 3 or data[:1].upper() == "R":
+            return LastLine.UNSURE
+        flexible = data.startswith("#")
+        if len(data[2:] if flexible else data) % 2:
+            return LastLine.PART
+        return LastLine.WHOLE if len(data) == 16 and not flexible else LastLine.UNSURE
 
 
 @compiled

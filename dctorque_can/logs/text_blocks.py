@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
+from enum import Enum
 from pathlib import Path
 from typing import Protocol
 
@@ -32,6 +33,14 @@ HEX[np.frombuffer(b"0123456789", np.uint8)] = np.arange(10)
 HEX[np.frombuffer(b"abcdef", np.uint8)] = np.arange(10, 16)
 HEX[np.frombuffer(b"ABCDEF", np.uint8)] = np.arange(10, 16)
 _POWERS = 10.0 ** np.arange(23)  # exact
+
+
+class LastLine(Enum):
+    """What a last line without a line end is."""
+
+    WHOLE = 1  # nothing of it can be missing
+    UNSURE = 2  # it means something as it stands, and might have meant more
+    PART = 3  # bytes of its frame are missing
 
 
 class LineFormat(Protocol):
@@ -74,6 +83,9 @@ class LineFormat(Protocol):
 
     def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
         """Return the messages of python-can for some lines, and the lines that it can not read."""
+
+    def last_line(self, line: str) -> LastLine:
+        """Tell whether a last line without a line end was cut off."""
 
 
 class TextFrames:
@@ -123,15 +135,31 @@ class TextFrames:
     def _blocks(self) -> Iterator[bytes]:
         """Yield blocks that end with a line end, but for the last one."""
         rest = b""
+        ends_lines = False
         for part in self._bytes():
             cut = part.rfind(b"\n") + 1
             if cut == 0:
                 rest += part
                 continue
+            ends_lines = True
             yield rest + part[:cut]
             rest = part[cut:]
-        if rest:
+        if rest and not (ends_lines and self._cut_off(rest)):
             yield rest
+
+    def _cut_off(self, line: bytes) -> bool:
+        """Note a problem with a last line that has no line end; return whether it must be left out."""
+        text = line.decode("utf-8", "replace").strip()
+        kind = LastLine.WHOLE if not text or "\r" in text else self._format.last_line(text)
+        if kind is LastLine.PART:
+            self._problems.append(
+                f"{self.path}: the last line is cut off and left out: line {self._line}: {text[:60]!r}"
+            )
+        elif kind is LastLine.UNSURE:
+            self._problems.append(
+                f"{self.path}: the last line has no line end: cut off? line {self._line}: {text[:60]!r}"
+            )
+        return kind is LastLine.PART
 
     def _bytes(self) -> Iterator[bytes]:
         zipped = self.path.suffix.lower() == ".gz"
