@@ -8,42 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dctorque_can.config.load import load_config
 from dctorque_can.driveline.phases import ClutchActuation, ClutchPhase, PhaseSource
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
-from dctorque_can.pipeline.samples import Input, Quantity, Samples, SampleStatus
+from dctorque_can.pipeline.samples import Input, Samples, SampleStatus
 from dctorque_can.pipeline.settings import DrivenAxle, GearInference
-from dctorque_can.resources import shipped_config
 
-SETTINGS = replace(load_config(shipped_config("paper_car")).settings, estimate_period_us=1000)
-VEHICLE = SETTINGS.vehicle
-R = {gear.number: gear.total_ratio for gear in VEHICLE.gears}
-Q = Quantity
-FRAMES = (  # one frame every 2.5 ms, all of them every 10 ms
-    (Q.ENGINE_SPEED, Q.ENGINE_TORQUE),
-    (Q.SHAFT1_SPEED, Q.SHAFT2_SPEED),
-    (Q.GEAR1, Q.GEAR2, Q.CLUTCH1_POSITION, Q.CLUTCH2_POSITION),
-    (Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FR, Q.WHEEL_SPEED_RL, Q.WHEEL_SPEED_RR),
-)
-
-
-def traffic(seconds, values, start_us=0):
-    """Samples of a drive; ``values(t)`` gives the value of every quantity at ``t`` seconds."""
-    rows = []
-    for k in range(int(seconds * 400)):
-        t_us = start_us + k * 2500
-        now = values((t_us - start_us) * 1e-6)
-        frame = FRAMES[k % 4]
-        rows += [(t_us, q, now[q], SampleStatus.OK, q is frame[-1]) for q in frame if q in now]
-    return samples(rows)
-
-
-def samples(rows):
-    columns = list(zip(*rows, strict=True)) if rows else [()] * 5
-    types = (np.int64, np.uint8, np.float64, np.uint8, np.bool_)
-    return Samples(*(np.array(column, kind) for column, kind in zip(columns, types, strict=True)))
+from .drives import SETTINGS, VEHICLE, Q, R, samples, traffic
 
 
 def locked_in_first(torque=100.0):
