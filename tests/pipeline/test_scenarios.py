@@ -71,14 +71,18 @@ def test_unknown_input_mode_shows_no_twist():
         assert not (full[f"clutch{i}_torque_nm"] == full[f"clutch{i}_torque_uio_nm"])[-20:].any()
 
 
-def test_the_literal_paper_is_blind_when_cruising():
+@pytest.mark.parametrize("closed", [1, 2])
+def test_the_literal_paper_is_blind_when_cruising(closed):
     """At steady speed T_o = T_a1 = 0, so without gating (65), (66) give clutch 2 R_1 T_c/(R_1 - R_2)."""
-    row = estimates(with_design(road_load=RoadLoad.NONE, phase_gating=False), 1.5, lambda t: cruise(60.0))[-1]
+    positions = {Q.CLUTCH1_POSITION: 10.0 * (closed == 1), Q.CLUTCH2_POSITION: 10.0 * (closed == 2)}
+    ungated = with_design(road_load=RoadLoad.NONE, phase_gating=False)
+    row = estimates(ungated, 1.5, lambda t: cruise(60.0) | positions)[-1]
     assert row["clutch2_torque_nm"] == pytest.approx(60.0 * R[1] / (R[1] - R[2]), rel=0.01)
     assert row["clutch1_torque_nm"] == pytest.approx(-60.0 * R[2] / (R[1] - R[2]), rel=0.01)
     assert row["road_load_nm"] == 0.0
-    gated = estimates(LITERAL, 1.5, lambda t: cruise(60.0))[-1]
-    assert (gated["clutch1_torque_nm"], gated["clutch2_torque_nm"]) == (pytest.approx(60.0, rel=0.01), 0.0)
+    gated = estimates(LITERAL, 1.5, lambda t: cruise(60.0) | positions)[-1]
+    assert gated[f"clutch{closed}_torque_nm"] == pytest.approx(60.0, rel=0.01)
+    assert gated[f"clutch{3 - closed}_torque_nm"] == 0.0
 
 
 @pytest.mark.parametrize("wheel", [20.0, 60.0])
