@@ -13,10 +13,13 @@ from typing import Any
 
 import can
 
+from dctorque_can.daemon.spin import raise_on_spin
 from dctorque_can.errors import DctorqueError
 
 FIRST_BACKOFF_S = 0.1
 LONGEST_BACKOFF_S = 5.0
+SILENCE_S = 2.0  # without a frame on a bus that had some: told
+PROBE_S = 1.0
 RECEIVE_BUFFER_BYTES = 4 << 20
 BUS_OFF = 0x40  # in the identifier of a SocketCAN error frame (linux/can/error.h)
 _FULL = {errno.ENOBUFS, errno.EAGAIN}
@@ -35,6 +38,7 @@ class LinkCounts:
         error_frames: error frames among them.
         bus_offs: error frames that reported bus-off.
         lost: times the bus went away (down, removed, closed by its server).
+        silences: times a bus that had given frames gave none for `SILENCE_S`.
         reconnects: times it came back.
         sent: messages handed to the bus.
         send_failures: messages that the bus did not take.
@@ -44,6 +48,7 @@ class LinkCounts:
     error_frames: int = 0
     bus_offs: int = 0
     lost: int = 0
+    silences: int = 0
     reconnects: int = 0
     sent: int = 0
     send_failures: int = 0
@@ -62,6 +67,8 @@ def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
     if interface == "virtual":  # otherwise frames of a simulation would be stamped anew
         arguments = {"preserve_timestamps": True} | dict(arguments)
     try:
+        if interface == "socketcand":
+            _probe(arguments)
         bus = can.Bus(**arguments)
     except (can.CanError, OSError, ImportError, ValueError, TypeError) as error:
         raise BusError(
@@ -73,7 +80,17 @@ def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
     except OSError as error:
         bus.shutdown()
         raise BusError(f"{interface}:{channel} cannot be used: {_reason(error)}{_hint(error, channel)}") from error
+    raise_on_spin(bus)
     return bus
+
+
+def _probe(arguments: Mapping[str, Any]) -> None:
+    """Raise soon when no server answers; python-can itself tries for 10 s without a pause, or waits for ever."""
+    if "host" not in arguments or "port" not in arguments:
+        return
+    with socket.create_connection((arguments["host"], arguments["port"]), PROBE_S) as probe:
+        if not probe.recv(256):  # socketcand speaks first
+            raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
 
 
 def _enlarge_buffer(bus: can.BusABC) -> None:
@@ -123,6 +140,8 @@ class BusLink:
         self._bus: can.BusABC | None = None
         self._backoff_s = FIRST_BACKOFF_S
         self._retry_at_s = 0.0
+        self._heard_s: float | None = None  # None: this bus has not given anything yet
+        self._silent = False
 
     @property
     def up(self) -> bool:
@@ -148,7 +167,9 @@ class BusLink:
             self._lose(error)
             return None
         if message is None:
+            self._watch_silence()
             return None
+        self._hear()
         self._backoff_s = FIRST_BACKOFF_S
         self.counts.received += 1
         if message.is_error_frame:
@@ -190,6 +211,25 @@ class BusLink:
             self._bus.shutdown()
             self._bus = None
 
+    def _hear(self) -> None:
+        now_s = time.monotonic()
+        if self._silent and self._heard_s is not None:
+            self._silent = False
+            self._tell(False, f"frames again after {now_s - self._heard_s:.1f} s on {self._name()}")
+        self._heard_s = now_s
+
+    def _watch_silence(self) -> None:
+        """Tell a silence once. The bus stays open: a car that is switched off is silent too."""
+        if self._silent or self._heard_s is None or time.monotonic() - self._heard_s < SILENCE_S:
+            return
+        self._silent = True
+        self.counts.silences += 1
+        self._tell(False, f"no frame for {SILENCE_S:g} s on {self._name()}")
+
+    def _name(self) -> str:
+        assert self._bus is not None
+        return self._bus.channel_info
+
     def _lose(self, error: BaseException) -> None:
         self.counts.lost += 1
         if self._backoff_s == FIRST_BACKOFF_S:  # tell it once, not at every try
@@ -210,5 +250,7 @@ class BusLink:
             self._backoff_s = min(2 * self._backoff_s, LONGEST_BACKOFF_S)
             return False
         self.counts.reconnects += 1
+        if self._heard_s is not None:
+            self._heard_s, self._silent = time.monotonic(), False
         self._tell(False, "the bus is open again")
         return True

@@ -1,7 +1,10 @@
 """A bus that goes away, comes back, and does not take what it is given."""
 
 import errno
-from collections.abc import Callable
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import can
@@ -9,12 +12,15 @@ import pytest
 
 from dctorque_can.daemon import link as link_module
 from dctorque_can.daemon.link import BusError, BusLink, open_bus
+from dctorque_can.daemon.spin import raise_on_spin
 
 MESSAGE = can.Message(arbitration_id=0x100, data=b"\1", is_extended_id=False)
 
 
 class Bus:
     """Plays a list of events: a message, silence (None) or an error."""
+
+    channel_info = "a bus of tests"
 
     def __init__(self, events: list[Any], full: bool = False) -> None:
         self.events = events
@@ -52,6 +58,73 @@ def make(*buses: Bus | BusError) -> tuple[BusLink, list[str]]:
         return bus
 
     return BusLink(connect, lambda is_error, text: told.append(text)), told
+
+
+class Spinning(can.BusABC):
+    """One message, and then it returns at once instead of waiting; or it polls with pauses, when ``alive``."""
+
+    def __init__(self, alive: bool) -> None:
+        super().__init__("spinning")
+        self.calls = 0
+        self.alive = alive
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self.calls += 1
+        if self.calls == 1:
+            return MESSAGE, False
+        if self.alive:
+            time.sleep(min(timeout or 0.0, 0.001))  # polls; a bus that is silent returns as often
+        return None, False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise NotImplementedError
+
+
+class SocketCand:
+    """The least of a socketcand server: one client at a time, two frames for each, until it is told to hang up."""
+
+    def __init__(self) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self.clients: list[socket.socket] = []
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                client, _ = self._listener.accept()
+            except OSError:
+                return
+            client.sendall(b"< hi >")
+            for _ in range(2):  # open, rawmode
+                if not client.recv(256):
+                    break
+                client.sendall(b"< ok >")
+            else:
+                time.sleep(0.05)  # or the client takes the frames for a part of the answer
+                client.sendall(b"< frame 123 1.5 0102 >< frame 124 1.6 03 >")
+                self.clients.append(client)
+                continue
+            client.close()
+
+    def hang_up(self) -> None:
+        while self.clients:
+            self.clients.pop().close()
+
+    def close(self) -> None:
+        self.hang_up()
+        if self._thread.is_alive():
+            self._listener.shutdown(socket.SHUT_RDWR)
+            self._thread.join()
+            self._listener.close()
+
+
+@pytest.fixture
+def socketcand() -> Iterator[SocketCand]:
+    server = SocketCand()
+    yield server
+    server.close()
 
 
 def receive_all(link: BusLink, calls: int) -> int:
@@ -123,3 +196,86 @@ def test_a_virtual_bus_keeps_the_time_of_simulated_frames(connect: Callable[[], 
         received = receiver.recv(1.0)
     assert received is not None
     assert received.timestamp == 12.5
+
+
+def test_a_silence_is_told_once_and_its_end_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link_module, "SILENCE_S", 0.02)
+    bus = Bus([None])
+    link, told = make(bus)
+    link.open()
+    time.sleep(0.03)
+    link.receive(0.0)
+    assert told == []  # it never gave anything: the car may be off
+    for _ in range(2):
+        bus.events.append(MESSAGE)
+        assert link.receive(0.0) is MESSAGE
+        time.sleep(0.03)
+        receive_all(link, 3)
+    assert told[0] == told[2] == "no frame for 0.02 s on a bus of tests"
+    assert told[1].startswith("frames again after 0.0")
+    assert len(told) == 3
+    assert link.counts.silences == 2
+    assert (link.counts.lost, link.up, bus.closed) == (0, True, False)
+
+
+def test_an_interface_that_returns_at_once_for_ever_is_lost() -> None:
+    bus = Spinning(alive=False)
+    raise_on_spin(bus)
+    link, told = make(bus, Bus([MESSAGE]))  # type: ignore[arg-type]
+    link.open()
+    began_s = time.monotonic()
+    assert receive_all(link, 20) == 2
+    assert time.monotonic() - began_s < 5
+    assert (link.counts.lost, link.counts.reconnects) == (1, 1)
+    assert "its other end has closed" in told[0]
+
+
+def test_a_silent_interface_that_polls_is_not_lost() -> None:
+    bus = Spinning(alive=True)
+    raise_on_spin(bus)
+    with bus:
+        assert bus.recv(0.01) is MESSAGE
+        assert bus.recv(0.3) is None
+        for _ in range(1000):
+            assert bus.recv(0.0) is None  # asked not to wait: as quick as it likes
+    assert bus.calls > 1100
+
+
+def test_a_socketcand_server_that_goes_and_comes_back(socketcand: SocketCand) -> None:
+    arguments = {"interface": "socketcand", "channel": "vcan0", "host": "127.0.0.1", "port": socketcand.port}
+    told: list[str] = []
+    link = BusLink(lambda: open_bus(arguments), lambda is_error, text: told.append(text))
+    link.open()
+
+    def receive(count: int) -> list[int]:
+        limit_s, ids = time.monotonic() + 10, []
+        while len(ids) < count:
+            assert time.monotonic() < limit_s, told
+            ids += [message.arbitration_id for message in link.receive_some(0.05, 64)]
+        return ids
+
+    assert receive(2) == [0x123, 0x124]
+    assert link.receive(0.3) is None
+    assert link.counts.lost == 0  # silent, and no more
+    socketcand.hang_up()
+    assert receive(2) == [0x123, 0x124]
+    assert (link.counts.lost, link.counts.reconnects) == (1, 1)
+    assert "the bus is gone" in told[0]
+    assert "open again" in told[1]
+    socketcand.close()
+    began_s = time.monotonic()
+    while link.up:
+        link.receive(0.05)
+    for _ in range(10):
+        link.receive(0.05)
+    assert time.monotonic() - began_s < 3  # python-can alone would try for 10 s without a pause
+    link.close()
+
+
+def test_a_socketcand_server_that_is_not_there_is_an_error_at_once() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as unused:
+        port = unused.getsockname()[1]
+    began_s = time.monotonic()
+    with pytest.raises(BusError, match="refused"):
+        open_bus({"interface": "socketcand", "channel": "vcan0", "host": "127.0.0.1", "port": port})
+    assert time.monotonic() - began_s < 2

@@ -10,8 +10,10 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from dctorque_can.config.load import Config
+from dctorque_can.daemon import link
 from dctorque_can.daemon.link import BusError, BusLink
 from dctorque_can.daemon.log_plan import plan_for
 from dctorque_can.daemon.playback import Player
@@ -124,15 +126,15 @@ def test_live_frames_are_logged_as_they_were_sent(live_log: Path, drive: Simulat
 def test_no_frame_is_lost_at_4000_frames_per_second(config: Config, connect: Connect, folder: Path) -> None:
     laboratory = simulate_car(config, DriveName.PAPER, ProfileName.LABORATORY, seed=1, duration_s=2.0)
     live = start(config, connect, folder / "live.mcap")
-    link = BusLink(connect, lambda is_error, text: None)
-    link.open()
-    player = Player(link, speed=0.8)  # of 5000 frames/s
+    sender = BusLink(connect, lambda is_error, text: None)
+    sender.open()
+    player = Player(sender, speed=0.8)  # of 5000 frames/s
     began = time.monotonic()
     player.play(laboratory.frames)
     seconds = time.monotonic() - began
     live.wait_for(len(laboratory.frames))
     summary = live.stop()
-    link.close()
+    sender.close()
     assert seconds == pytest.approx(2.5, abs=0.2)
     assert summary.frames == len(laboratory.frames) == player.sent
     assert summary.complete
@@ -204,6 +206,28 @@ def test_the_loss_of_the_bus_resets_and_is_noted_in_the_log(
     content = (folder / "live.mcap").read_bytes()
     assert b"/dctorque/events" in content
     assert len(read_table(folder / "live.mcap", ESTIMATES)) == summary.estimates
+
+
+def test_a_silent_bus_is_told_and_noted_in_the_log_and_stays_open(
+    config: Config, connect: Connect, drive: SimulatedDrive, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link, "SILENCE_S", 0.2)
+    live = start(config, connect, folder / "live.mcap")
+    send(connect, drive.frames[:100])
+    live.wait_for(100)
+    limit = time.monotonic() + 10
+    while not any("no frame for 0.2 s" in line for line in live.told):
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+    send(connect, drive.frames[100:200])
+    live.wait_for(200)
+    summary = live.stop()
+    assert any("frames again" in line for line in live.told)
+    assert (summary.link.silences, summary.link.lost) == (1, 0)
+    with (folder / "live.mcap").open("rb") as stream:
+        texts = [message.data for _, _, message in make_reader(stream).iter_messages(["/dctorque/events"])]
+    assert sum(b"no frame for" in text for text in texts) == 1
+    assert sum(b"frames again" in text for text in texts) == 1
 
 
 def test_a_bus_that_is_not_there_yet_is_waited_for_when_asked(
