@@ -187,6 +187,7 @@ def test_after_a_gap_everything_starts_anew(pause_s, remembered):
     assert timeline(rows, start_us) == expected
     health = estimator.health[0]
     assert (health["gap_resets"], health["clock_resets"]) == ((1, 0) if pause_s > 0 else (0, 1))
+    assert not health["timeouts"].any()  # what is dropped is not late
     load = 0.94 * 0.86 * R[1] * 60.0
     restarted = at(rows, (start_us + 7_500) / 1000)["road_load_nm"]
     assert restarted == pytest.approx(load, rel=0.01) if remembered else restarted < 0.2 * load
