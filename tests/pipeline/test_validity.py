@@ -282,3 +282,13 @@ def test_limits_are_those_of_the_vehicle():
         1.5 * clutch.surfaces * clutch.friction_static * clutch.effective_radius_m * clutch.max_normal_force_n
         == (pytest.approx(725.4))
     )
+
+
+def test_the_other_axle_judges_the_shafts():
+    """Without the driven wheels' speeds a shaft is held against the others'."""
+
+    def values(t):
+        now = {q: v for q, v in cruise().items() if q not in (Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FR)}
+        return now | {Q.SHAFT2_SPEED: cruise()[Q.SHAFT2_SPEED] * 1.2}
+
+    assert timeline(estimates(SETTINGS, 0.5, values))[-1] == (307.5, READY | S.SPEED_IMPLAUSIBLE)
