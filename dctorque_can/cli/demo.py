@@ -45,8 +45,11 @@ def demo(
 
         settings = ["output.enabled=true", *(settings or [])]
         loaded = configuration.load(config, settings, "virtual", f"dctorque demo {time.monotonic_ns()}")
-    with activity("simulating the drive (the first run on a machine compiles for up to a minute)"):
-        simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration)
+    what = "simulating the drive (the first run on a machine compiles for up to a minute)"
+    if not STDERR.is_terminal:
+        say(what)
+    with progress_bar(what) as progress:
+        simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration, progress)
     show = Demo(loaded, folder, _tell)
     with activity("preparing the estimator (the first run on a machine compiles here too)"):
         show.prepare()

@@ -69,8 +69,11 @@ def simulate(
         loaded = configuration.load(config, settings, interface, channel)
     for path in {output, truth_path(output)} if output is not None else ():
         refuse_existing(path, [], force)
-    with activity("simulating (the first run on a machine compiles for up to a minute)"):
-        simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration)
+    what = "simulating (the first run on a machine compiles for up to a minute)"
+    if not STDERR.is_terminal:
+        say(what)
+    with progress_bar(what) as progress:
+        simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration, progress)
     result: dict[str, Any] = {"frames": len(simulated.frames), "seconds": simulated.seconds}
     if output is not None:
         with activity(f"writing {output}", show=STDERR.is_terminal):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -68,6 +69,7 @@ def simulate_car(
     profile: ProfileName,
     seed: int,
     duration_s: float | None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> SimulatedDrive:
     """Simulate a drive of the vehicle of ``config`` with the messages of demo_car.dbc.
 
@@ -75,7 +77,7 @@ def simulate_car(
         DctorqueError: the vehicle cannot be simulated, or its DBCs lack the messages of the simulated car.
     """
     vehicle = config.settings.vehicle
-    truth = simulate(vehicle, _drive(config, drive, seed, duration_s))
+    truth = simulate(vehicle, _drive(config, drive, seed, duration_s), progress=progress)
     sensors = replace(
         LABORATORY if profile is ProfileName.LABORATORY else PRODUCTION,
         seed=seed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,9 @@ from dctorque_can.errors import DctorqueError
 from dctorque_can.simulation.plant import new_state, run
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, Powertrain, parameters
 from dctorque_can.simulation.truth import TRUTH
+
+PIECE = 2000
+"""Milliseconds of driving at once: Python sees signals, and a progress bar moves, only between pieces."""
 
 Knots = tuple[tuple[float, float], ...]
 """``(time in s, value)`` in ascending order; linear between, constant outside."""
@@ -101,13 +105,19 @@ def _sampled(knots: Knots, t: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(values[after - 1] + part * (values[after] - values[after - 1]))
 
 
-def simulate(vehicle: Vehicle, drive: Drive, powertrain: Powertrain = DEMO_POWERTRAIN) -> NDArray[np.void]:
+def simulate(
+    vehicle: Vehicle,
+    drive: Drive,
+    powertrain: Powertrain = DEMO_POWERTRAIN,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> NDArray[np.void]:
     """Simulate a drive.
 
     Args:
         vehicle: the car as estimators know it.
         drive: what driver and road do.
         powertrain: what estimators do not know.
+        progress: is told the finished fraction, 0..1.
 
     Returns:
         `TRUTH` ``[n]``, one row per millisecond from 0 to ``drive.duration_s``.
@@ -127,5 +137,9 @@ def simulate(vehicle: Vehicle, drive: Drive, powertrain: Powertrain = DEMO_POWER
     speed = _sampled(drive.speed_m_s, t) if drive.speed_m_s else np.full(n, -1.0)
     rows = np.zeros(n, TRUTH)
     pedal, brake, grade = (_sampled(k, t) for k in (drive.pedal, drive.brake_n, drive.grade_rad))
-    run(p, *new_state(p), pedal, brake, grade, speed, rows)
+    state = new_state(p)
+    for start in range(0, n, PIECE):
+        end = min(start + PIECE, n)
+        run(p, *state, pedal, brake, grade, speed, rows, start, end)
+        progress(end / n)
     return rows

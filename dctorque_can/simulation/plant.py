@@ -300,28 +300,35 @@ def run(
     scratch: Scratch,
     actuation: Any,
     control: Any,
+    driver: Floats,
     pedals: Floats,
     brakes: Floats,
     grades: Floats,
     wanted_speed: Floats,
     rows: Any,
+    start: int,
+    end: int,
 ) -> None:
-    """Simulate ``len(rows)`` milliseconds; see `dctorque_can.simulation.drive.simulate`."""
+    """Simulate the milliseconds from ``start`` up to ``end`` of a drive of ``len(rows)``.
+
+    Everything that lasts is in the state of `new_state`, so that pieces in a row give the same bits as one call.
+    See `dctorque_can.simulation.drive.simulate`.
+    """
     a = actuation[0]
     c = control[0]
-    memory = 0.0
-    last = (0.0, 0.0)
-    motion.torque[ROAD] = -p.weight * np.sin(grades[0])  # the brake holds the car from the first row on
-    for shaft in range(2):
-        _engage(p, mechanism, motion, a, shaft, a.engaged[shaft])
-    for k in range(rows.size):
+    if start == 0:
+        motion.torque[ROAD] = -p.weight * np.sin(grades[0])  # the brake holds the car from the first row on
+        for shaft in range(2):
+            _engage(p, mechanism, motion, a, shaft, a.engaged[shaft])
+    for k in range(start, end):
         row = rows[k]
         pedal, brake = pedals[k], brakes[k]
         if wanted_speed[k] >= 0.0:
             ahead = min(rows.size - 1, k + 500)
             aim, later = wanted_speed[k], wanted_speed[ahead]
-            pedal, brake, memory = follow(p, aim, later, motion.speed[BODY], memory, last[0], last[1], PERIOD)
-            last = (pedal, brake)
+            v = motion.speed[BODY]
+            pedal, brake, memory = follow(p, aim, later, v, driver[0], driver[1], driver[2], PERIOD)
+            driver[0], driver[1], driver[2] = memory, pedal, brake
         row.t_us = 1000 * k
         row.pedal = pedal
         row.grade_rad = grades[k]
@@ -335,8 +342,8 @@ def run(
 
 def new_state(
     p: Parameters,
-) -> tuple[Mechanism, Motion, Loads, Scratch, np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Return a car at rest: engine idling, first gear in, the next preselected, brake held."""
+) -> tuple[Mechanism, Motion, Loads, Scratch, np.ndarray[Any, Any], np.ndarray[Any, Any], Floats]:
+    """Return a car at rest (engine idling, first gear in, the next preselected, brake held) and a calm driver."""
     mechanism = new_mechanism(p)
     motion = new_motion(N_SPEEDS, N_SPRINGS, N_CONTACTS)
     motion.speed[[ENGINE, DAMPER]] = p.idle
@@ -354,4 +361,5 @@ def new_state(
     control["hold_n"] = 0.4 * p.weight
     control["shifted"] = 10.0
     loads = new_loads(N_SPEEDS, N_CONTACTS)
-    return mechanism, motion, loads, new_scratch(N_SPEEDS, N_SPRINGS, N_CONTACTS), actuation, control
+    driver = np.zeros(3)  # the memory of `follow`, its last pedal and brake
+    return mechanism, motion, loads, new_scratch(N_SPEEDS, N_SPRINGS, N_CONTACTS), actuation, control, driver

@@ -112,6 +112,25 @@ def test_run_ends_after_its_duration_with_a_closed_log(dctorque, tmp_path: Path)
     assert summary["frames"] == 0
     assert summary["log"]["paths"] == ["x.mcap"]
     assert (tmp_path / "x.mcap").read_bytes().endswith(b"\x89MCAP0\r\n")
+def test_a_long_simulation_ends_at_once_when_interrupted(
+    dctorque, command: list[str], environment: dict[str, str], tmp_path: Path
+) -> None:
+    assert dctorque("simulate", "-o", "first.blf", "--duration", 1).code == 0  # compiled from here on
+    arguments = ["simulate", "-o", "x.mcap", "--drive", "mixed", "--duration", "1500"]  # for a minute
+    process = subprocess.Popen(
+        [*command, *arguments], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    assert "simulating" in process.stderr.readline()
+    time.sleep(2.0)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert not (tmp_path / "x.mcap").exists()
+
+
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dctorque_can.driveline.parameters import STANDARD_GRAVITY, Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.errors import DctorqueError
-from dctorque_can.simulation import plant
+from dctorque_can.simulation import drive, plant
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
 from dctorque_can.simulation.mechanism import FREE, STUCK
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, parameters
@@ -130,7 +130,7 @@ def test_synchroniser_conserves_momentum_and_takes_its_time(paper_vehicle: Vehic
     chassis = replace(paper_vehicle.chassis, rolling_resistance=0.0, drag_coefficient=0.0)
     car = replace(paper_vehicle, clutches=(clutches[0], clutches[1]), chassis=chassis)
     p = parameters(car, DEMO_POWERTRAIN, 0.0)
-    mechanism, motion, loads, scratch, actuation, control = plant.new_state(p)
+    mechanism, motion, loads, scratch, actuation, control, _ = plant.new_state(p)
     a, c = actuation[0], control[0]
     actuation["engaged"] = 0
     control["gear_command"] = 0
@@ -233,3 +233,18 @@ def test_nothing_happens_without_a_driver(paper_vehicle: Vehicle) -> None:
     truth = simulate(paper_vehicle, Drive("idle", 2.0))
     np.testing.assert_allclose(truth["engine_speed_rad_s"], 800 * np.pi / 30, atol=0.5)
     assert np.abs(truth["undriven_wheel_speed_rad_s"]).max() < 1e-12
+
+
+def test_pieces_of_a_drive_are_the_drive(paper_vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cut anywhere, with a driver who has a memory: the same bits. In between, Python is back in charge."""
+    traffic = Drive("traffic", 7.0, speed_m_s=((0.0, 0.0), (0.5, 0.0), (4.0, 9.0), (6.5, 0.0)))
+    for short in (traffic, replace(PAPER, duration_s=2.5)):
+        monkeypatch.setattr(drive, "PIECE", 1_000_000)
+        whole = simulate(paper_vehicle, short)
+        for piece in (1, 777, 2000):
+            monkeypatch.setattr(drive, "PIECE", piece)
+            told: list[float] = []
+            assert simulate(paper_vehicle, short, progress=told.append).tobytes() == whole.tobytes()
+            assert len(told) == -(-len(whole) // piece)
+            assert told[-1] == 1.0
+            assert told == sorted(told)
