@@ -41,7 +41,7 @@ def replay(
     frames: Annotated[bool, typer.Option("--frames", help="Also write the frames to OUT.")] = False,
     signals: Annotated[bool, typer.Option("--signals", help="Also write the decoded signals to OUT.")] = False,
     truth: Annotated[
-        bool, typer.Option("--truth", help="Compare with the truth in a simulated log, and copy it to OUT.")
+        bool, typer.Option("--truth", help="Compare with the truth of a simulated log, and copy it to OUT.")
     ] = False,
     interface: InterfaceOption = None,
     channel: ChannelOption = None,
@@ -63,6 +63,7 @@ def replay(
         with activity("loading", show=STDERR.is_terminal):
             from dctorque_can.daemon.output_file import refuse_existing
             from dctorque_can.daemon.replay import ReplayContent, ReplayTargets, replay_logs
+            from dctorque_can.daemon.summary import doubts
             from dctorque_can.logs.reader import open_log
 
         if output is not None:
@@ -85,7 +86,8 @@ def replay(
     else:
         say(
             f"{result.frames} frames ({result.bus_seconds:.0f} s of traffic) in {result.seconds:.1f} s, "
-            f"{result.estimates} estimates" + (f" in {output}" if output else "")
+            f"{result.estimates} estimates, {result.valid_estimates} with valid clutch torques"
+            + (f", in {output}" if output else "")
         )
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")
@@ -95,6 +97,9 @@ def replay(
         warn("the log holds no frames")
     elif not result.estimates:
         warn("no estimate: none of the frames gave what the estimator needs (see `dctorque check`)")
+    if result.frames:
+        for doubt in doubts(result.never_received, result.estimates, result.valid_estimates):
+            warn(doubt)
     if result.problems or (player is not None and player.failed):
         raise typer.Exit(ExitCode.INCOMPLETE)
 

@@ -19,8 +19,11 @@ from dctorque_can.daemon.chain import Chain
 from dctorque_can.daemon.output_file import remove_partial
 from dctorque_can.daemon.playback import Player
 from dctorque_can.daemon.service import health_counts
+from dctorque_can.daemon.simulated_car import truth_path
+from dctorque_can.daemon.summary import TrafficTime, count_valid, never_received
 from dctorque_can.daemon.truth_log import read_truth, write_truth
 from dctorque_can.errors import DctorqueError
+from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
@@ -64,8 +67,10 @@ class ReplayResult:
         output: the new log, or None.
         frames: read.
         estimates: given.
+        valid_estimates: of these, with both clutch torques valid.
+        never_received: mapped inputs of which no usable value came.
         seconds: from opening to the closed result.
-        bus_seconds: time that the frames span.
+        bus_seconds: time that the frames span; a step back of the clock takes nothing away.
         problems: what could not be read, one line each.
         health: counters of the estimator.
         errors: against the truth, when that was asked for.
@@ -74,6 +79,8 @@ class ReplayResult:
     output: Path | None
     frames: int
     estimates: int
+    valid_estimates: int
+    never_received: list[str]
     seconds: float
     bus_seconds: float
     problems: list[str]
@@ -97,6 +104,28 @@ def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config
     return load_documents(documents, overrides)
 
 
+def truth_of(log: Path) -> NDArray[np.void]:
+    """Return the truth of a simulated log: in the MCAP itself, or beside a log of another format.
+
+    Raises:
+        DctorqueError: there is none.
+    """
+    needed = "--truth needs a log of `dctorque simulate`"
+    plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
+    if plain.suffix.lower() == ".asc":
+        raise DctorqueError(
+            f"{log}: its times count from the first frame, those of the truth from 1970: "
+            "there is no comparing them; simulate to .mcap, .blf or .log"
+        )
+    source = truth_path(plain)
+    if source != log and not source.exists():
+        raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {needed}")
+    try:
+        return read_truth(source)
+    except LogReadError as error:
+        raise LogReadError(f"{error}; {needed}") from error
+
+
 def replay_logs(
     logs: Sequence[LogReader],
     config: Config,
@@ -114,11 +143,11 @@ def replay_logs(
     began_s = time.monotonic()
     try:
         with replay:
+            truth = [truth_of(reader.path) for reader in logs] if content.truth else []
             for number, reader in enumerate(logs):
                 for frames in reader.frames():
                     replay.take(frames)
                     progress((number + reader.fraction) / len(logs))
-            truth = [read_truth(reader.path) for reader in logs] if content.truth else []
             errors = replay.compare(np.concatenate(truth)) if truth else None
     except DctorqueError:
         if targets.log is not None:
@@ -128,8 +157,10 @@ def replay_logs(
         output=targets.log,
         frames=replay.frames,
         estimates=replay.estimates,
+        valid_estimates=replay.valid_estimates,
+        never_received=replay.never_received,
         seconds=round(time.monotonic() - began_s, 3),
-        bus_seconds=replay.bus_seconds,
+        bus_seconds=replay.time.seconds,
         problems=[problem for reader in logs for problem in reader.problems],
         health=replay.health,
         errors=errors,
@@ -142,14 +173,15 @@ class _Replay:
     def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
         self.frames = 0
         self.estimates = 0
+        self.valid_estimates = 0
+        self.time = TrafficTime()
+        self._config = config
         self._content = content
         self._player = targets.player
         self._chain = Chain(config)
         self._signals = MessageColumns(config.database) if content.signals else None
         self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
         self._rows: list[NDArray[np.void]] = []
-        self._first_us: int | None = None
-        self._last_us = 0
         self._log = None if targets.log is None else McapLog(targets.log, documents=config.documents)
 
     def __enter__(self) -> Self:
@@ -160,22 +192,22 @@ class _Replay:
             self._log.close()
 
     @property
-    def bus_seconds(self) -> float:
-        """Time that the frames span."""
-        return 0.0 if self._first_us is None else (self._last_us - self._first_us) / 1e6
-
-    @property
     def health(self) -> dict[str, Any]:
         """Counters of the estimator."""
         return health_counts(self._chain.health)
 
+    @property
+    def never_received(self) -> list[str]:
+        """Mapped inputs of which no usable value came."""
+        return never_received(self._config.inputs, self._chain.health)
+
     def take(self, frames: Frames) -> None:
         """Do the whole job for one batch."""
-        self._first_us = int(frames.t_us[0]) if self._first_us is None else self._first_us
-        self._last_us = int(frames.t_us[-1])
+        self.time.take(frames.t_us)
         self.frames += len(frames)
         estimates = self._chain.feed(frames)
         self.estimates += len(estimates)
+        self.valid_estimates += count_valid(estimates.rows)
         if self._content.truth:
             self._rows.append(estimates.rows)
         if self._log is not None:

@@ -1,5 +1,6 @@
 """What the commands do when all is well, and when only part of it is."""
 
+import gzip
 import json
 import os
 import signal
@@ -10,8 +11,11 @@ from pathlib import Path
 import pytest
 
 from dctorque_can import __version__
+from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.reader import open_log
 from dctorque_can.logs.table import ESTIMATES
+from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 
 PAPER = shipped_config("paper_car")
@@ -54,6 +58,37 @@ def test_simulate_and_replay_in_every_format_give_the_same_estimates(dctorque, t
     assert len(counts) == 1
 
 
+@pytest.mark.parametrize("name", ["drive.blf", "drive.log.gz"])
+def test_the_truth_beside_a_log_is_found(dctorque, tmp_path: Path, name: str) -> None:
+    plain = name.removesuffix(".gz")
+    dctorque("simulate", "-o", plain, "--duration", 3)
+    if name != plain:
+        (tmp_path / name).write_bytes(gzip.compress((tmp_path / plain).read_bytes()))
+    outcome = dctorque("replay", name, "-c", PAPER, "--truth", "-o", "x.mcap", "--json")
+    assert outcome.code == 0, outcome.err
+    assert json.loads(outcome.out)["errors"]["clutch1_nm"]["rms"] < 10
+
+
+def test_replay_names_the_inputs_that_never_came_and_counts_what_is_valid(dctorque, tmp_path: Path) -> None:
+    dctorque("simulate", "-o", "drive.mcap", "--duration", 3)
+    whole = dctorque("replay", "drive.mcap", "-o", "whole.mcap", "--json")
+    result = json.loads(whole.out)
+    assert result["never_received"] == []
+    assert 0.5 * result["estimates"] < result["valid_estimates"] <= result["estimates"]
+    assert "warning" not in whole.err
+    with open_log(tmp_path / "drive.mcap") as log:
+        frames = Frames.concatenate(log.frames())
+    write_frames(tmp_path / "engine_only.blf", frames[frames.can_id == frames.can_id[0]])
+    partly = dctorque("replay", "engine_only.blf", "-c", PAPER, "-o", "part.mcap", "--json")
+    result = json.loads(partly.out)
+    assert "shaft1_speed" in result["never_received"]
+    assert "engine_speed" not in result["never_received"]
+    assert result["valid_estimates"] == 0
+    assert "never received a usable value of: " in partly.err
+    assert "shaft1_speed" in partly.err
+    assert ("none of the" in partly.err) == bool(result["estimates"])
+
+
 def test_the_same_seed_gives_the_same_file(dctorque, tmp_path: Path) -> None:
     for name, seed in (("a", 5), ("b", 5), ("c", 6)):
         dctorque("simulate", "-o", f"{name}.blf", "--duration", 1, "--seed", seed)
@@ -75,6 +110,25 @@ def test_a_damaged_log_is_used_and_said_so(dctorque, tmp_path: Path) -> None:
     assert json.loads(recovered.out)["messages"] > 0
     assert dctorque("replay", "cut.recovered.mcap", "-o", "out2.mcap").code == 0
     assert dctorque("recover", "cut.mcap").code == 1  # its output exists by now
+
+
+def test_a_long_simulation_ends_at_once_when_interrupted(
+    dctorque, command: list[str], environment: dict[str, str], tmp_path: Path
+) -> None:
+    assert dctorque("simulate", "-o", "first.blf", "--duration", 1).code == 0  # compiled from here on
+    arguments = ["simulate", "-o", "x.mcap", "--drive", "mixed", "--duration", "1500"]  # for a minute
+    process = subprocess.Popen(
+        [*command, *arguments], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    assert "simulating" in process.stderr.readline()
+    time.sleep(2.0)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert not (tmp_path / "x.mcap").exists()
 
 
 @pytest.mark.parametrize(("profile", "limits"), [("laboratory", (8, 12)), ("production", (10, 15))])
@@ -112,25 +166,6 @@ def test_run_ends_after_its_duration_with_a_closed_log(dctorque, tmp_path: Path)
     assert summary["frames"] == 0
     assert summary["log"]["paths"] == ["x.mcap"]
     assert (tmp_path / "x.mcap").read_bytes().endswith(b"\x89MCAP0\r\n")
-def test_a_long_simulation_ends_at_once_when_interrupted(
-    dctorque, command: list[str], environment: dict[str, str], tmp_path: Path
-) -> None:
-    assert dctorque("simulate", "-o", "first.blf", "--duration", 1).code == 0  # compiled from here on
-    arguments = ["simulate", "-o", "x.mcap", "--drive", "mixed", "--duration", "1500"]  # for a minute
-    process = subprocess.Popen(
-        [*command, *arguments], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stderr is not None
-    assert "simulating" in process.stderr.readline()
-    time.sleep(2.0)
-    assert process.poll() is None
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=10)
-    assert process.returncode == 130, err
-    assert "Traceback" not in err
-    assert not (tmp_path / "x.mcap").exists()
-
-
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])
