@@ -22,7 +22,7 @@ from dctorque_can.cli.options import (
 
 if TYPE_CHECKING:
     from dctorque_can.config.load import Config
-    from dctorque_can.daemon.service import Summary
+    from dctorque_can.daemon.service import Service, Summary
 
 
 def run(
@@ -55,8 +55,15 @@ def run(
         raise typer.BadParameter("name a vehicle file, e.g. config/paper_car.yaml", param_hint="CONFIG")
     if log is not None and no_log:
         raise typer.BadParameter("--log and --no-log contradict each other")
-    loaded = configuration.load(path, settings, interface, channel)
-    summary = _serve(loaded, log, no_log, force, duration, wait)
+    if log is not None and log.suffix.lower() != ".mcap":
+        raise typer.BadParameter(f"{log}: the log is an MCAP; end its name in .mcap", param_hint="--log")
+    try:
+        loaded = configuration.load(path, settings, interface, channel)
+        prepared = _prepare(loaded, log, no_log, force)
+    except KeyboardInterrupt:  # from here on signals stop the service
+        say("stopped before it began")
+        return
+    summary = _serve(loaded, prepared, duration, wait)
     if as_json:
         print_json(summary.as_json())
     else:
@@ -65,22 +72,25 @@ def run(
         raise typer.Exit(ExitCode.INCOMPLETE)
 
 
-def _serve(
-    config: Config, log: Path | None, no_log: bool, force: bool, duration: float | None, wait: bool
-) -> Summary:
+def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Service:
     from functools import partial
 
     from dctorque_can.daemon.link import open_bus
     from dctorque_can.daemon.log_plan import plan_for
     from dctorque_can.daemon.output_file import refuse_existing
     from dctorque_can.daemon.service import Service
-    from dctorque_can.daemon.signals import obeying_signals
+    from dctorque_can.daemon.signals import obeying_signals  # noqa: F401  loaded while a signal still ends all
 
     if log is not None:
         refuse_existing(log, [], force)
     wanted = not no_log and (log is not None or config.logging.enabled)
     plan = plan_for(config, log) if wanted else None
-    service = Service(config, partial(open_bus, config.can.arguments()), plan, _tell)
+    return Service(config, partial(open_bus, config.can.arguments()), plan, _tell)
+
+
+def _serve(config: Config, service: Service, duration: float | None, wait: bool) -> Summary:
+    from dctorque_can.daemon.signals import obeying_signals
+
     with obeying_signals(service):
         with activity("preparing (the first run on a machine compiles for up to a minute)", STDERR.is_terminal):
             service.prepare(wait_for_bus=wait)
@@ -100,7 +110,8 @@ def _show(summary: Summary) -> None:
     link, log = summary.link, summary.log
     say(
         f"{summary.seconds:.1f} s: {summary.frames} frames in, {summary.estimates} estimates, "
-        f"{summary.published} frames out, {100 * summary.cpu_share:.0f} % of one processor"
+        f"{summary.published} frames out"
+        + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
     )
     if link.lost or link.send_failures or link.error_frames:
         say(

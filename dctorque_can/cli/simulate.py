@@ -56,6 +56,14 @@ def simulate(
     """
     if output is None and interface is None and channel is None:
         raise typer.BadParameter("say where to: -o LOG, or --interface and --channel of a bus")
+    if output is not None:
+        from dctorque_can.logs.formats import FORMATS
+
+        if output.suffix.lower() not in FORMATS:
+            known = ", ".join(FORMATS)
+            raise typer.BadParameter(
+                f"{output}: the suffix says no known log format; known are {known}", param_hint="-o"
+            )
     with activity("loading", show=STDERR.is_terminal):
         from dctorque_can.daemon.output_file import refuse_existing
         from dctorque_can.daemon.simulated_car import (

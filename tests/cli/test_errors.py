@@ -84,8 +84,28 @@ def test_wrong_usage(dctorque, log: Path) -> None:
     assert_clear(dctorque("run"), "vehicle file", code=2)
     assert_clear(dctorque("run", PAPER, "--set", "nonsense"), "KEY=VALUE", code=2)
     assert_clear(dctorque("run", PAPER, "-c", PAPER), "once", code=2)
+    assert_clear(dctorque("run", PAPER, "--log", "x.asc"), ".mcap", code=2)
     assert_clear(dctorque("simulate"), "-o LOG", code=2)
     assert_clear(dctorque("no-such-command"), "No such command", code=2)
+
+
+def test_a_log_of_an_unknown_format_is_refused_before_the_simulation(
+    dctorque, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("dctorque_can.daemon.simulated_car.simulate_car", None)
+    assert_clear(dctorque("simulate", "-o", "x.foo"), "x.foo", ".asc", code=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_truth_that_is_not_there(dctorque, log: Path, tmp_path: Path) -> None:
+    replay = ("replay", "-c", PAPER, "-o", "x.mcap", "--truth")
+    for name, words in (("lone.blf", "lone.truth.mcap"), ("lone.asc", "simulate to .mcap, .blf")):
+        assert dctorque("simulate", "-o", name, "--duration", 1).code == 0
+        (tmp_path / "lone.truth.mcap").unlink()
+        assert_clear(dctorque(*replay, name), name, words)
+    assert dctorque("replay", log, "--frames", "-o", "bare.mcap").code == 0
+    assert_clear(dctorque(*replay, "bare.mcap"), "/dctorque/truth", "needs a log of `dctorque simulate`")
+    assert not (tmp_path / "x.mcap").exists()
 
 
 def test_a_wrong_value_on_the_command_line(dctorque) -> None:
