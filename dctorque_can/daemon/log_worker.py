@@ -14,6 +14,8 @@ import signal
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,9 +114,11 @@ class LogWorker:
                 report(deleted=str(gone))
         except OSError as error:
             self._give_up(DctorqueError(f"{error.filename or path}: {error.strerror}"), now_s)
+            _remove_empty(path)
             return
         except DctorqueError as error:
             self._give_up(error, now_s)
+            _remove_empty(path)
             return
         self._opened += 1
         self._began_s = now_s
@@ -155,11 +159,19 @@ class LogWorker:
             self._log.close()
         except DctorqueError as second:
             report(failed=str(second))
+        _remove_empty(self._log.path)
         self._log = None
 
     def _lost(self, frames: int) -> None:
         if frames:
             report(lost=frames)
+
+
+def _remove_empty(path: Path) -> None:
+    """Remove a log that got nothing, or a full disk would leave one at every try."""
+    with suppress(OSError):
+        if path.is_file() and path.stat().st_size == 0:
+            path.unlink()
 
 
 def report(**content: str | int) -> None:

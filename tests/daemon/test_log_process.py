@@ -121,6 +121,17 @@ def test_a_full_disk_is_told_and_counted(process: LogProcess) -> None:
     assert frames_in(process.counts.paths[0]) >= process.counts.written > 0
 
 
+def test_a_full_disk_leaves_no_empty_file(process: LogProcess, folder: Path) -> None:
+    process.hand_over(batch(0), BATCH)
+    wait_until(process, f"counts.written == {BATCH}")
+    resource.prlimit(worker_pid(process), resource.RLIMIT_FSIZE, (0, 0))
+    for _ in range(3):
+        process.rotate()
+    process.close()
+    assert process.counts.failures
+    assert [path.name for path in folder.iterdir()] == ["x.mcap"]
+
+
 def test_rotation_by_hand_makes_two_whole_logs(process: LogProcess) -> None:
     process.hand_over(batch(0), BATCH)
     process.rotate()
