@@ -29,6 +29,7 @@ from dctorque_can.pipeline.samples import Quantity
 
 RECEIVE_TIMEOUT_S = 0.1
 MOST_AT_ONCE = 64
+SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 PATIENT_BYTES = 1 << 20
 
 
@@ -38,7 +39,8 @@ class Summary:
 
     Attributes:
         seconds: from ready to stop.
-        cpu_share: processor time of the service's thread over ``seconds``; the log writer is another process.
+        cpu_share: processor time of the service's thread over ``seconds``, None when that is below `SHARE_S`; the
+            log writer is another process.
         frames: received.
         estimates: given.
         published: frames sent.
@@ -49,7 +51,7 @@ class Summary:
     """
 
     seconds: float
-    cpu_share: float
+    cpu_share: float | None
     frames: int
     estimates: int
     published: int
@@ -248,7 +250,7 @@ class Service:
     def _summary(self, seconds: float, cpu_s: float) -> Summary:
         return Summary(
             seconds=round(seconds, 3),
-            cpu_share=round(cpu_s / max(seconds, 1e-9), 4),
+            cpu_share=round(cpu_s / seconds, 4) if seconds >= SHARE_S else None,
             frames=self.received,
             estimates=self._estimates,
             published=self._link.counts.sent,

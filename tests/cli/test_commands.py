@@ -168,6 +168,23 @@ def test_run_ends_after_its_duration_with_a_closed_log(dctorque, tmp_path: Path)
     assert (tmp_path / "x.mcap").read_bytes().endswith(b"\x89MCAP0\r\n")
 
 
+def test_run_stopped_at_once_gives_no_share_of_the_processor(dctorque) -> None:
+    outcome = dctorque("run", PAPER, "-i", "virtual", "--channel", "quiet", "--no-log", "--duration", 0)
+    assert outcome.code == 0
+    assert "0 frames in" in outcome.err
+    assert "processor" not in outcome.err
+
+
+def test_run_interrupted_while_it_loads_ends_in_order(dctorque, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dctorque_can.cli.configuration.load", interrupted)
+    outcome = dctorque("run", PAPER, "-i", "virtual", "--channel", "quiet", "--no-log")
+    assert outcome.code == 0
+    assert outcome.err.strip() == "stopped before it began"
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])
 def test_run_stops_cleanly_on_a_signal_and_rotates_on_hangup(
     command: list[str], environment: dict[str, str], tmp_path: Path, number: int, code: int
