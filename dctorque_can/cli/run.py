@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dctorque_can.cli import configuration
-from dctorque_can.cli.console import STDERR, activity, fail, print_json, say
+from dctorque_can.cli.console import STDERR, activity, fail, print_json, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.options import (
     ChannelOption,
@@ -68,6 +68,11 @@ def run(
         print_json(summary.as_json())
     else:
         _show(summary)
+    if summary.frames:
+        from dctorque_can.daemon.summary import doubts
+
+        for doubt in doubts(summary.never_received, summary.estimates, summary.valid_estimates):
+            warn(doubt)
     if not summary.complete:
         raise typer.Exit(ExitCode.INCOMPLETE)
 

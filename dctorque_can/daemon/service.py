@@ -20,6 +20,7 @@ from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogCounts, LogProcess
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.summary import count_valid, never_received
 from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.logs.mcap_layout import EventLevel
 from dctorque_can.logs.messages import frames_from_messages
@@ -43,6 +44,8 @@ class Summary:
             log writer is another process.
         frames: received.
         estimates: given.
+        valid_estimates: of these, with both clutch torques valid.
+        never_received: mapped inputs of which no usable value came.
         published: frames sent.
         refused_ids: identifiers that someone else uses.
         link: counters of the wire.
@@ -54,6 +57,8 @@ class Summary:
     cpu_share: float | None
     frames: int
     estimates: int
+    valid_estimates: int
+    never_received: list[str]
     published: int
     refused_ids: list[int]
     link: LinkCounts
@@ -73,10 +78,13 @@ class Summary:
         return result
 
 
+_COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
+
+
 def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     """Return the counters of a `HEALTH` record ``[1]``: resets, late frames, and inputs by fault."""
     record = health[0]
-    counts: dict[str, Any] = {name: int(record[name]) for name in ("gap_resets", "clock_resets", "late_frames")}
+    counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
     for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
         counts[fault] = {q.name.lower(): int(record[fault][q]) for q in Quantity if record[fault][q]}
     return counts
@@ -116,6 +124,7 @@ class Service:
         self._rotate = False
         self._t_us: int | None = None
         self._estimates = 0
+        self._valid_estimates = 0
 
     def stop(self) -> None:
         """Ask the service to end; may be called from a signal handler or another thread."""
@@ -193,6 +202,7 @@ class Service:
             self._publisher.hear(frames)
         estimates = self._chain.feed(frames)
         self._estimates += len(estimates)
+        self._valid_estimates += count_valid(estimates.rows)
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
             sent = self._publisher.publish(estimates.rows)
@@ -253,6 +263,8 @@ class Service:
             cpu_share=round(cpu_s / seconds, 4) if seconds >= SHARE_S else None,
             frames=self.received,
             estimates=self._estimates,
+            valid_estimates=self._valid_estimates,
+            never_received=never_received(self._config.inputs, self._chain.health),
             published=self._link.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
             link=self._link.counts,
