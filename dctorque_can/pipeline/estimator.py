@@ -21,6 +21,7 @@ from dctorque_can.pipeline.settings import Settings
 SETTLING = 5.0  # time constants of the slowest part before an estimate counts as converged
 CAPACITY_MARGIN = 1.5  # an estimate beyond this multiple of the static capacity is limited and marked
 WIDEST = 1e6  # no input of any kind can be larger, rad/s, N·m, …
+NO_HEALTH = np.zeros(0, HEALTH)
 SMALLEST_RATIO_STEP = 1e-3  # relative; closer total ratios of two shafts make (65), (66) singular
 
 
@@ -77,7 +78,7 @@ class Estimator:
             rows,
             health,
         )
-        return Estimates(rows[:n_rows], health[:n_health].copy())
+        return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 
     @property
     def health(self) -> NDArray[np.void]:
