@@ -147,10 +147,10 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
         restart(core, rules, s, c, pair)
     take_gears(core, s, c, pair)
     fits = speeds_fit(core, rules, pair)
-    core.may_carry[0] = pair.g1 != 0 and core.closed[0]
-    core.may_carry[1] = pair.g2 != 0 and core.closed[1]
-    carries_1 = core.may_carry[0] or (pair.g1 != 0 and not c.gating)
-    carries_2 = core.may_carry[1] or (pair.g2 != 0 and not c.gating)
+    may_1, may_2 = pair.g1 != 0 and bool(core.closed[0]), pair.g2 != 0 and bool(core.closed[1])
+    carries_1 = may_1 or (pair.g1 != 0 and not c.gating)
+    carries_2 = may_2 or (pair.g2 != 0 and not c.gating)
+    core.apart = carries_1 and carries_2
 
     correct_wheels(core, rules, s, c)
     if core.fresh[ENGINE_SPEED]:
@@ -160,9 +160,7 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
     correct_shafts(core, s, c, pair, carries_1, carries_2, fits)
     elapsed_us = core.t_us - core.settled_us
     oh2014.settle(s, c, pair, carries_1, carries_2, elapsed_us * 1e-6)
-    if fits and oh2014.learn_road_load(
-        s, c, pair, bool(core.may_carry[0]), bool(core.may_carry[1]), elapsed_us * 1e-6
-    ):
+    if fits and oh2014.learn_road_load(s, c, pair, may_1, may_2, elapsed_us * 1e-6):
         core.learned_us += elapsed_us
     core.settled_us = core.t_us
 

@@ -73,7 +73,7 @@ CORE = np.dtype(
         ("slip_small_us", "i8", (2,)),  # since when the slip is small
         ("implausible_us", "i8"),  # since when shaft and wheel speed disagree, NEVER if they agree
         ("wheels", "i8"),  # which wheels gave the acceleration last, one bit each
-        ("may_carry", "u1", (2,)),  # closed, or not known to be open, and in gear
+        ("apart", "?"),  # two clutch torques had to be told apart by (65), (66)
         ("estimate_us", "i8"),
         ("health_us", "i8"),
         ("status", "u4"),

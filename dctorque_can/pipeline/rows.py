@@ -32,8 +32,7 @@ def judge(core: Any, rules: Any, limited: bool) -> int:
     gears_known = core.gear_known[0] and core.gear_known[1]
     phases_known = core.closed_known[0] and core.closed_known[1]
     fits = core.implausible_us == NEVER
-    # with two clutches to be told apart, the torques stand on the output torque, and that on the held road load
-    apart = core.may_carry[0] and core.may_carry[1]
+    # two clutches are told apart by the output torque, and that stands on the road load
     output_known = (learned or not rules.learns) and not braking(core)
     status = 0
     if gears_known:
@@ -54,7 +53,7 @@ def judge(core: Any, rules: Any, limited: bool) -> int:
         if adaptive:
             if learned or not rules.learns:
                 status |= _OUTPUT_VALID
-        elif phases_known and (output_known or not apart):
+        elif phases_known and (output_known or not core.apart):
             status |= _ALL_VALID
     return status
 

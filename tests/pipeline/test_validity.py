@@ -41,6 +41,12 @@ def test_start():
     assert timeline(rows) == [*START, (SETTLED_MS, READY | VALID), (LEARNED_MS, READY | VALID | LEARNED)]
 
 
+def test_ungated_torques_stand_on_the_road_load():
+    """Without gating (65), (66) run even with clutch 2 open: nothing is valid before the road load is learned."""
+    rows = estimates(with_design(phase_gating=False), 1.5, lambda t: cruise())
+    assert timeline(rows) == [*START, (SETTLED_MS, READY), (LEARNED_MS, READY | VALID | LEARNED)]
+
+
 def test_both_clutches_open_learn_too():
     """With both open the whole load is found from coasting."""
     rows = estimates(SETTINGS, 1.2, lambda t: cruise(0.0) | {Q.CLUTCH1_POSITION: 0.0})
