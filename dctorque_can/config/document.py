@@ -175,19 +175,33 @@ class _Builder:
 
     def _pairs(self, node: yaml.MappingNode, path: KeyPath) -> Iterator[tuple[str | int, yaml.Node]]:
         """Yield the pairs of a mapping, merged ones (``<<``) first."""
-        if not any(node is flat for flat in self._flat):
-            self._find_duplicates(node, path)
-            try:
-                self._loader.flatten_mapping(node)
-            except yaml.MarkedYAMLError as error:
-                self._complain(node, path, str(error.problem))
-                return
-            self._flat.append(node)
+        try:
+            self._flatten(node, path)
+        except yaml.MarkedYAMLError as error:
+            self._complain(node, path, str(error.problem))
+            return
         for key_node, value in node.value:
             key = self._key(key_node)
             if key is not None:
                 self._document.places[*path, key] = (self._document.name, key_node.start_mark.line + 1)
                 yield key, value
+
+    def _flatten(self, node: yaml.MappingNode, path: KeyPath) -> None:
+        """Resolve the merges of a mapping in place; of a key that comes twice then, the mapping's own stays.
+
+        What is merged is flattened first: PyYAML 6.0.4 loses overridden keys of a merge within a merge.
+        """
+        if any(node is flat for flat in self._flat):
+            return
+        self._flat.append(node)
+        self._find_duplicates(node, path)
+        for key_node, value in node.value:
+            if key_node.tag == MERGE:
+                for source in value.value if isinstance(value, yaml.SequenceNode) else [value]:
+                    if isinstance(source, yaml.MappingNode):
+                        self._flatten(source, path)
+        self._loader.flatten_mapping(node)
+        node.value = list({self._key(pair[0]) or pair[0]: pair for pair in node.value}.values())
 
     def _find_duplicates(self, node: yaml.MappingNode, path: KeyPath) -> None:
         """Report keys that are given twice and things that cannot be keys, and keep the others."""

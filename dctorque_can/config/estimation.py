@@ -128,14 +128,14 @@ class Oh2014Section(Section):
     """Double pole of the engine-side unknown input observer, s² + l_1 s + l_2/J_e, rad/s."""
     shaft_bandwidth_rad_s: Bandwidth = 200.0
     """Double pole of the clutch-side unknown input observer, s² + l_3 s + l_4/J_e1, rad/s."""
-    torque_crossover_rad_s: Bandwidth = 250.0
+    torque_crossover_rad_s: Bandwidth = 100.0
     """Crossover L_1 = L_2: above it the transfer shaft model, below it the unknown input observers, rad/s."""
     adaptation_time_s: Seconds = 2.0
     """Convergence time of the adaptive laws, sets γ_e and γ_t, s."""
     leakage_time_s: Seconds = 0.3
     """Time in which the adaptive states forget, 1/γ_l, s."""
-    acceleration_bandwidth_rad_s: Bandwidth = 65.0
-    """Bandwidth of the filter that gives the wheel acceleration, rad/s."""
+    acceleration_bandwidth_rad_s: Bandwidth = 100.0
+    """Bandwidth of the filter that gives the wheel acceleration, rad/s, at the widest ratio step of two gears."""
     road_load_time_s: Seconds = 0.2
     """Averaging time of the learned road load, s."""
     road_load: Literal["none", "flat", "learned"] = "learned"

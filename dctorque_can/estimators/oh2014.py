@@ -205,9 +205,9 @@ def predict(s: Any, c: Any, pair: Any, T_en: float, dt: float) -> None:
 
 
 @compiled_without_allocation
-def correct_wheel(s: Any, c: Any, w_w: float, h: float) -> None:
+def correct_wheel(s: Any, pair: Any, w_w: float, h: float) -> None:
     """Take a wheel speed sample: second-order filter with the double pole p_w, gives dω_w/dt."""
-    alpha, beta = sampled_gains(c.p_w, h)
+    alpha, beta = sampled_gains(pair.p_w, h)
     e = w_w - s.w_w
     s.w_w += alpha * e
     s.a_w = min(max(s.a_w + beta / h * e, -MAX_WHEEL_ACCELERATION), MAX_WHEEL_ACCELERATION)

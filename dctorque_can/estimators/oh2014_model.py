@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,12 @@ from dctorque_can.estimators.design import Oh2014Design
 
 MAX_GEAR = 15
 REFERENCE_ENGINE_SPEED = 200.0  # rad/s, at which γ_e gives the adaptation time
+STEP_EXPONENT = 0.4
+"""How the wheel acceleration filter of a gear pair follows its ratio step |R_1 - R_2|.
+
+Handing a clutch torque over changes T_o in proportion to the step and (65), (66) divide by it, so the error of lag
+is the same for all pairs, ∝ 1/p; noise is divided by the step, ∝ p^1.5/step. p ∝ step^(2/5) keeps their balance.
+"""
 REFERENCE_WHEEL_ACCELERATION = 5.0  # rad/s², at which γ_t gives the adaptation time
 
 CONSTANTS = np.dtype(
@@ -30,7 +37,8 @@ CONSTANTS = np.dtype(
         ("efficiency", "f8"),  # of gear pair and final drive together
         ("p_e", "f8"),  # double pole of the engine-side unknown input observer
         ("p_s", "f8"),  # … of the clutch-side one
-        ("p_w", "f8"),  # … of the wheel acceleration filter
+        ("p_w", "f8"),  # … of the wheel acceleration filter, for the widest ratio step
+        ("widest_step", "f8"),  # largest |R_1 - R_2| of neighbouring forward gears
         ("L", "f8"),  # L_1 = L_2
         ("g_l", "f8"),  # γ_l
         ("T_a", "f8"),  # adaptation time
@@ -59,6 +67,7 @@ PAIR = np.dtype(
         ("R_s", "f8"),  # R_1 or R_2
         ("g_e", "f8"),  # γ_e
         ("g_t", "f8"),  # γ_t
+        ("p_w", "f8"),  # double pole of the wheel acceleration filter
     ],
     align=True,
 )
@@ -82,6 +91,7 @@ def constants(vehicle: Vehicle, design: Oh2014Design) -> NDArray[np.void]:
     c["p_e"] = design.engine_bandwidth_rad_s
     c["p_s"] = design.shaft_bandwidth_rad_s
     c["p_w"] = design.acceleration_bandwidth_rad_s
+    c["widest_step"] = max(ratio_steps(vehicle), default=0.0)
     c["L"] = design.torque_crossover_rad_s
     c["g_l"] = 1.0 / design.leakage_time_s
     c["T_a"] = design.adaptation_time_s
@@ -94,6 +104,27 @@ def constants(vehicle: Vehicle, design: Oh2014Design) -> NDArray[np.void]:
         0.5 * AIR_DENSITY * chassis.drag_coefficient * chassis.frontal_area_m2 * chassis.wheel_radius_m**3
     )
     return c
+
+
+def ratio_steps(vehicle: Vehicle) -> list[float]:
+    """Return the differences of the total ratios of neighbouring forward gears, from first gear on."""
+    forward = sorted((g for g in vehicle.gears if g.number > 0), key=lambda gear: gear.number)
+    return [abs(one.total_ratio - two.total_ratio) for one, two in pairwise(forward)]
+
+
+@compiled_without_allocation
+def acceleration_bandwidth(p: float, step: float, widest: float) -> float:
+    """Return the double pole of the wheel acceleration filter for a pair with ratio step ``step``, rad/s."""
+    if step >= widest:
+        return float(p)
+    return float(p * (step / widest) ** STEP_EXPONENT)
+
+
+def slowest_acceleration_bandwidth(vehicle: Vehicle, design: Oh2014Design) -> float:
+    """Return the same for the narrowest step of the vehicle, rad/s."""
+    steps = ratio_steps(vehicle)
+    p = design.acceleration_bandwidth_rad_s
+    return acceleration_bandwidth(p, min(steps), max(steps)) if steps else p
 
 
 @compiled_without_allocation
@@ -119,5 +150,7 @@ def set_pair(pair: Any, c: Any, g1: int, g2: int) -> None:
         pair.side = 0
         pair.R_s = 1.0
         pair.J_es = J_1
+    step = abs(pair.R_1 - pair.R_2) if g1 != 0 and g2 != 0 else c.widest_step
+    pair.p_w = acceleration_bandwidth(c.p_w, step, c.widest_step)
     pair.g_e = 1.0 / (c.T_a * REFERENCE_ENGINE_SPEED**2)
     pair.g_t = pair.R_s**2 / (c.T_a * REFERENCE_WHEEL_ACCELERATION**2)

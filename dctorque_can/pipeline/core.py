@@ -90,7 +90,7 @@ def take_gears(core: Any, s: Any, c: Any, pair: Any) -> None:
 
 
 @compiled_without_allocation
-def correct_wheels(core: Any, rules: Any, s: Any, c: Any) -> None:
+def correct_wheels(core: Any, rules: Any, s: Any, pair: Any) -> None:
     """Let new wheel speeds take effect; when other wheels take over, their offset is not an acceleration."""
     _, _, _, w_w, fresh = wheel_speeds(core, rules)
     wheels = wheels_in_use(core)
@@ -99,7 +99,7 @@ def correct_wheels(core: Any, rules: Any, s: Any, c: Any) -> None:
         core.wheels = wheels
         core.wheel_us = core.t_us
     elif fresh:
-        oh2014.correct_wheel(s, c, w_w, interval(core.t_us, core.wheel_us))
+        oh2014.correct_wheel(s, pair, w_w, interval(core.t_us, core.wheel_us))
         core.wheel_us = core.t_us
 
 
@@ -152,7 +152,7 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any) -> None:
     carries_2 = may_2 or (pair.g2 != 0 and not c.gating)
     core.apart = carries_1 and carries_2
 
-    correct_wheels(core, rules, s, c)
+    correct_wheels(core, rules, s, pair)
     if core.fresh[ENGINE_SPEED]:
         h = interval(core.t_us, core.engine_us)
         oh2014.correct_engine(s, c, pair, carries_1, carries_2, core.value[ENGINE_SPEED], h)

@@ -117,7 +117,7 @@ def _rules(settings: Settings) -> NDArray[np.void]:
         design.engine_bandwidth_rad_s,
         design.shaft_bandwidth_rad_s,
         design.torque_crossover_rad_s,
-        design.acceleration_bandwidth_rad_s,
+        oh2014_model.slowest_acceleration_bandwidth(settings.vehicle, design),
     )
     r["settling_us"] = int(SETTLING / slowest * 1e6)
     r["learning_us"] = int(SETTLING * design.road_load_time_s * 1e6)

@@ -117,7 +117,7 @@ def spring_torque(mechanism: Mechanism, motion: Motion, spring: int) -> float:
 
 
 @compiled
-def _engage(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, shaft: int, gear: int) -> None:
+def engage(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, shaft: int, gear: int) -> None:
     """Join a shaft to the output shaft through the transfer shaft of ``gear``, or let it go (gear 0)."""
     spring = TWIST_TRANSFER1 + shaft
     a.lost_j += 0.5 * mechanism.stiffness[spring] * motion.twist[spring] ** 2
@@ -140,7 +140,7 @@ def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, co
         cone = CONE1 + shaft
         if not a.changing[shaft]:
             if command[shaft] != a.engaged[shaft] and motion.mode[CLUTCH1 + shaft] == FREE:
-                _engage(p, mechanism, motion, a, shaft, 0)
+                engage(p, mechanism, motion, a, shaft, 0)
                 a.changing[shaft] = True
                 a.target[shaft] = command[shaft]
                 a.sleeve[shaft] = 0.0
@@ -164,7 +164,7 @@ def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, co
             wish = mechanism.mass[SHAFT1 + shaft] * distance / p.cone_time
             a.cone[shaft] = min(p.cone_max, max(1.0, wish))
         elif motion.mode[cone] == STUCK:
-            _engage(p, mechanism, motion, a, shaft, gear)
+            engage(p, mechanism, motion, a, shaft, gear)
             a.cone[shaft] = 0.0
             a.changing[shaft] = False
 
@@ -319,7 +319,7 @@ def run(
     if start == 0:
         motion.torque[ROAD] = -p.weight * np.sin(grades[0])  # the brake holds the car from the first row on
         for shaft in range(2):
-            _engage(p, mechanism, motion, a, shaft, a.engaged[shaft])
+            engage(p, mechanism, motion, a, shaft, a.engaged[shaft])
     for k in range(start, end):
         row = rows[k]
         pedal, brake = pedals[k], brakes[k]

@@ -80,7 +80,7 @@ def test_the_rate_laws_are_apart_in_the_sampled_form():
 def test_shaft_and_wheel_filters_have_the_designed_poles(h):
     """The errors of (ω_s, T_a) and (ω_w, a_w) over one predict and correct have both eigenvalues exp(-p h)."""
     c, pair = observer(road_load=RoadLoad.NONE)
-    for speed, rate, p in (("w_s", "T_a", c["p_s"]), ("w_w", "a_w", c["p_w"])):
+    for speed, rate, p in (("w_s", "T_a", c["p_s"]), ("w_w", "a_w", pair["p_w"])):
         columns = []
         for start in ((1e-3, 0.0), (0.0, 1e-3)):
             record = state(**{speed: start[0], rate: start[1]})
@@ -88,12 +88,22 @@ def test_shaft_and_wheel_filters_have_the_designed_poles(h):
             if speed == "w_s":
                 oh2014.correct_shaft(record[0], c, pair, True, True, 0.0, h)
             else:
-                oh2014.correct_wheel(record[0], c, 0.0, h)
+                oh2014.correct_wheel(record[0], pair, 0.0, h)
             columns.append([record[speed][0] * 1e3, record[rate][0] * 1e3])
         matrix = np.array(columns).T
         z = np.exp(-p * h)
         assert np.trace(matrix) == pytest.approx(2 * z, abs=1e-9)
         assert np.linalg.det(matrix) == pytest.approx(z * z, abs=1e-9)
+
+
+def test_the_acceleration_filter_balances_lag_and_noise_for_every_pair():
+    """Lag ∝ 1/p and noise ∝ p^1.5/|R_1 - R_2| keep their ratio from pair to pair; neutral separates nothing."""
+    ratios = []
+    for g1, g2 in ((1, 2), (3, 2), (3, 4), (5, 4)):
+        c, pair = observer(g1, g2)
+        ratios.append(float(pair["p_w"] ** 2.5 / abs(R[g1] - R[g2])))
+    assert ratios == pytest.approx([ratios[0]] * 4)
+    assert observer(1, 2)[1]["p_w"] == observer(1, 0)[1]["p_w"] == c["p_w"]
 
 
 @pytest.mark.parametrize(

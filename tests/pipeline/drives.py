@@ -11,7 +11,18 @@ from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
 from dctorque_can.resources import shipped_config
 
-SETTINGS = replace(load_config(shipped_config("paper_car")).settings, estimate_period_us=1000)
+SHIPPED = load_config(shipped_config("paper_car")).settings
+SETTINGS = replace(
+    SHIPPED,
+    estimate_period_us=1000,
+    observer=replace(  # the slowest is 65 rad/s: settled after 5/65 s
+        SHIPPED.observer,
+        engine_bandwidth_rad_s=200.0,
+        shaft_bandwidth_rad_s=200.0,
+        torque_crossover_rad_s=65.0,
+        acceleration_bandwidth_rad_s=200.0,
+    ),
+)
 VEHICLE = SETTINGS.vehicle
 R = {gear.number: gear.total_ratio for gear in VEHICLE.gears}
 EFFICIENCY = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency

@@ -167,7 +167,7 @@ def test_another_axle_takes_over(lost):
             now[q] *= 1.03
         return now | (dict.fromkeys(lost) if 1.2 <= t < 1.8 else {})
 
-    rows = estimates(SETTINGS, 2.2, values)
+    rows = estimates(with_design(acceleration_bandwidth_rad_s=65.0), 2.2, values)
     rows = rows[rows["t_us"] > 1_050_000]
     assert timeline(rows)[1:] == [
         (1400.0, READY | VALID | LEARNED | S.INPUT_STALE),
