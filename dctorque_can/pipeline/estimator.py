@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.driveline.gear_pair import singular_pairs
 from dctorque_can.driveline.parameters import Clutch, Vehicle
-from dctorque_can.driveline.phases import PhaseSource
+from dctorque_can.driveline.phase_decision import closing_band
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import oh2014, oh2014_model
 from dctorque_can.estimators.design import RoadLoad
@@ -129,12 +129,8 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     else:
         r["min_wheel_speed"] = oh2014.PLAUSIBLE_WHEEL_SPEED
     for i, clutch in enumerate(phases.clutches):
-        closes = clutch.closes_increasing or clutch.source is not PhaseSource.POSITION
-        sign = 1.0 if closes else -1.0
         r["phase_source"][i] = clutch.source
-        r["closing_sign"][i] = sign
-        r["closed_above"][i] = sign * clutch.threshold + 0.5 * clutch.hysteresis
-        r["open_below"][i] = sign * clutch.threshold - 0.5 * clutch.hysteresis
+        r["closing_sign"][i], r["closed_above"][i], r["open_below"][i] = closing_band(clutch)
     r["slip_locked"] = phases.slip_locked_rad_s
     r["slip_released"] = phases.slip_released_rad_s
     r["lock_time_us"] = phases.lock_time_us
