@@ -1,4 +1,4 @@
-"""Clutch phases (Fig. 3 of the paper): open, slipping or locked, decided with hysteresis."""
+"""Clutch phases (Fig. 3 of the paper): open, slipping or locked, and what they are decided by."""
 
 from __future__ import annotations
 
@@ -12,6 +12,14 @@ class ClutchPhase(IntEnum):
     OPEN = 0  # carries no torque
     SLIPPING = 1
     LOCKED = 2
+
+
+class DrivelinePhase(IntEnum):
+    """What both clutches do together: the three phases of Fig. 3 (`phase_decision.driveline_phase`)."""
+
+    CLUTCH1_ENGAGED = 0  # clutch 2 slips or is open
+    CLUTCH2_ENGAGED = 1  # clutch 1 slips or is open
+    BOTH_SLIPPING = 2  # or open: no clutch is engaged
 
 
 class PhaseSource(IntEnum):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.gear_pair import effective_inertia
 from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Vehicle
 from dctorque_can.estimators.design import Oh2014Design
 
@@ -141,7 +142,7 @@ def set_pair(pair: Any, c: Any, g1: int, g2: int) -> None:
     if g1 != 0:
         pair.side = 1
         pair.R_s = pair.R_1
-        pair.J_es = J_1 + (J_2 * (pair.R_2 / pair.R_1) ** 2 if g2 != 0 else 0.0)
+        pair.J_es = effective_inertia(J_1, J_2, pair.R_2 / pair.R_1) if g2 != 0 else J_1
     elif g2 != 0:
         pair.side = 2
         pair.R_s = pair.R_2

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dctorque_can.driveline import phase_decision
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
-NEVER = -(2**62)
+NEVER = phase_decision.NEVER
 
 RULES = np.dtype(
     [

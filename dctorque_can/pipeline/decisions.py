@@ -6,7 +6,8 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.driveline.phases import ClutchPhase, PhaseSource
+from dctorque_can.driveline.phase_decision import decide_phase, is_closed, small_slip_since
+from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.estimators import oh2014, oh2014_model
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity
@@ -123,32 +124,22 @@ def decide_phases(core: Any, rules: Any, w_e: float) -> None:
     for i in range(2):
         source = rules.phase_source[i]
         if source == PhaseSource.FLAG:
-            known = usable(core, OPEN_1 + i)
-            if known:
-                core.closed[i] = core.value[OPEN_1 + i] < 0.5
+            quantity = OPEN_1 + i
         else:
             quantity = (POSITION_1 if source == PhaseSource.POSITION else COMMAND_1) + i
-            known = usable(core, quantity)
-            if known:
-                x = rules.closing_sign[i] * core.value[quantity]
-                if x >= rules.closed_above[i]:
-                    core.closed[i] = True
-                elif x <= rules.open_below[i]:
-                    core.closed[i] = False
+        known = usable(core, quantity)
+        closed = True  # when nothing says that it is open, it may carry torque
+        if known:
+            sign, above, below = rules.closing_sign[i], rules.closed_above[i], rules.open_below[i]
+            closed = is_closed(source, core.value[quantity], sign, above, below, bool(core.closed[i]))
         core.closed_known[i] = known
-        if not known:
-            core.closed[i] = True  # nothing says that it is open: it may carry torque
+        core.closed[i] = closed
         slip = abs(w_e - core.w_c[i])
-        if slip > rules.slip_locked:
-            core.slip_small_us[i] = NEVER
-        elif core.slip_small_us[i] == NEVER:
-            core.slip_small_us[i] = core.t_us
-        if not core.closed[i]:
-            core.phase[i] = ClutchPhase.OPEN
-            continue
-        stays = core.phase[i] == ClutchPhase.LOCKED and slip <= rules.slip_released
-        locks = core.slip_small_us[i] != NEVER and core.t_us - core.slip_small_us[i] >= rules.lock_time_us
-        core.phase[i] = ClutchPhase.LOCKED if stays or locks else ClutchPhase.SLIPPING
+        since_us = small_slip_since(slip, rules.slip_locked, core.t_us, core.slip_small_us[i])
+        core.slip_small_us[i] = since_us
+        core.phase[i] = decide_phase(
+            closed, slip, int(core.phase[i]), since_us, core.t_us, rules.slip_released, rules.lock_time_us
+        )
 
 
 @compiled_without_allocation

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.driveline.gear_pair import singular_pairs
 from dctorque_can.driveline.parameters import Clutch, Vehicle
-from dctorque_can.driveline.phases import PhaseSource
+from dctorque_can.driveline.phase_decision import closing_band
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import oh2014, oh2014_model
 from dctorque_can.estimators.design import RoadLoad
@@ -22,7 +21,6 @@ SETTLING = 5.0  # time constants of the slowest part before an estimate counts a
 CAPACITY_MARGIN = 1.5  # an estimate beyond this multiple of the static capacity is limited and marked
 WIDEST = 1e6  # no input of any kind can be larger, rad/s, N·m, …
 NO_HEALTH = np.zeros(0, HEALTH)
-SMALLEST_RATIO_STEP = 1e-3  # relative; closer total ratios of two shafts make (65), (66) singular
 
 
 class Estimator:
@@ -131,12 +129,8 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     else:
         r["min_wheel_speed"] = oh2014.PLAUSIBLE_WHEEL_SPEED
     for i, clutch in enumerate(phases.clutches):
-        closes = clutch.closes_increasing or clutch.source is not PhaseSource.POSITION
-        sign = 1.0 if closes else -1.0
         r["phase_source"][i] = clutch.source
-        r["closing_sign"][i] = sign
-        r["closed_above"][i] = sign * clutch.threshold + 0.5 * clutch.hysteresis
-        r["open_below"][i] = sign * clutch.threshold - 0.5 * clutch.hysteresis
+        r["closing_sign"][i], r["closed_above"][i], r["open_below"][i] = closing_band(clutch)
     r["slip_locked"] = phases.slip_locked_rad_s
     r["slip_released"] = phases.slip_released_rad_s
     r["lock_time_us"] = phases.lock_time_us
@@ -160,11 +154,6 @@ def _refuse_singular_pairs(vehicle: Vehicle) -> None:
         for g in vehicle.gears
         if not -1 <= g.number <= oh2014_model.MAX_GEAR or g.number == 0
     ]
-    for one, two in product(vehicle.gears_on(1), vehicle.gears_on(2)):
-        if abs(one.total_ratio - two.total_ratio) < SMALLEST_RATIO_STEP * abs(one.total_ratio):
-            wrong.append(
-                f"gears {one.number} and {two.number} have the same total ratio {one.total_ratio:g}: "
-                "with both engaged the two clutch torques cannot be told apart"
-            )
+    wrong += singular_pairs(vehicle)
     if wrong:
         raise DctorqueError("vehicle: " + "; ".join(wrong))
