@@ -1,0 +1,60 @@
+"""Regenerate every figure and table of docs/paper.md:  python tools/paper [PAGE ...]
+
+Figures go to docs/images/paper, tables between their marks in docs/paper.md. Takes a few minutes.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import drive41
+import models
+import vehicle42
+from matplotlib.figure import Figure
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "paper.md"
+IMAGES = ROOT / "docs" / "images" / "paper"
+
+PAGES: dict[str, Callable[[], tuple[dict[str, Figure], str]]] = {
+    "recirculation": models.recirculation,
+    "open_loop": models.validation,
+    "drive": drive41.drive,
+    "table1": drive41.table1,
+    "variants": drive41.variants,
+    "limits": drive41.limits,
+    "cruise": drive41.cruise,
+    "vehicle": vehicle42.comparison,
+}
+
+
+def put(text: str, name: str, content: str) -> str:
+    """Return a page with what stands between the marks of ``name`` replaced."""
+    marks = re.compile(rf"(<!-- {name} -->\n).*?(\n<!-- /{name} -->)", re.DOTALL)
+    if not marks.search(text):
+        raise SystemExit(f"{PAGE}: the marks <!-- {name} --> and <!-- /{name} --> are missing")
+    return marks.sub(lambda found: found[1] + content + found[2], text)
+
+
+def main(wanted: list[str]) -> None:
+    unknown = sorted(set(wanted) - set(PAGES))
+    if unknown:
+        raise SystemExit(f"unknown: {', '.join(unknown)}; there are: {', '.join(PAGES)}")
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    for name in wanted or PAGES:
+        start = time.monotonic()
+        figures, content = PAGES[name]()
+        for image, figure in figures.items():
+            figure.savefig(IMAGES / f"{image}.png")
+        if content:
+            print(f"\n{content}")
+            PAGE.write_text(put(PAGE.read_text(encoding="utf-8"), name, content), encoding="utf-8")
+        print(f"{name}: {', '.join(figures)} in {time.monotonic() - start:.0f} s", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
