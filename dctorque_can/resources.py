@@ -46,11 +46,25 @@ def shipped_configs() -> list[Path]:
     return sorted((_root() / "config").glob("*.yaml"))
 
 
-def find_config(text: str | Path) -> Path:
-    """Return ``text`` as a path, or the shipped vehicle file of that bare name when no such file exists here."""
-    path = Path(text)
-    if not path.exists() and path.name == str(text):
-        for shipped in shipped_configs():
-            if str(text) in (shipped.name, shipped.stem):
-                return shipped
+def shipped_studies() -> list[Path]:
+    """Return the paths of all shipped studies, sorted by name."""
+    return sorted((_root() / "config" / "studies").glob("*.yaml"))
+
+
+def find_config(text: str | Path, folder: Path = Path()) -> Path:
+    """Return ``text`` as a path below ``folder``, or else the shipped vehicle file of that bare name."""
+    return _find(text, folder, shipped_configs())
+
+
+def find_study(text: str | Path) -> Path:
+    """Return ``text`` as a path, or the shipped study of that bare name when no such file exists here."""
+    return _find(text, Path(), shipped_studies())
+
+
+def _find(text: str | Path, folder: Path, shipped: list[Path]) -> Path:
+    path = folder / text
+    if not path.exists() and Path(text).name == str(text):
+        for known in shipped:
+            if str(text) in (known.name, known.stem):
+                return known
     return path

@@ -21,6 +21,17 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "config": ("bus", *WORDS, "pipeline.settings", "driveline", "estimators.design"),
     "analysis": (*WORDS, "logs"),
     "daemon": ("driveline", "estimators", "pipeline", "bus", "logs", "simulation", "config", "analysis"),
+    "study": (
+        "driveline",
+        *WORDS,
+        "pipeline.settings",
+        "bus",
+        "simulation",
+        "config",
+        "analysis",
+        "daemon.chain",
+        "daemon.simulated_car",
+    ),
     "cli": (
         "driveline",
         "estimators",
@@ -31,6 +42,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "config",
         "analysis",
         "daemon",
+        "study",
     ),
 }
 FOR_ALL = ("compiled", "errors", "resources")
@@ -50,7 +62,7 @@ CORE_STANDARD_MODULES = {
 CORE_CALLS = {"open", "print", "input", "exec", "eval", "__import__", "breakpoint"}
 CORE_TOP_FILES = {"compiled", "errors"}
 
-NO_COMPILED_CODE = ("analysis", "cli", "config", "daemon")
+NO_COMPILED_CODE = ("analysis", "cli", "config", "daemon", "study")
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools"}
 LONGEST_FILE = 400
 

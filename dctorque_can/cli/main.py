@@ -20,6 +20,7 @@ from dctorque_can.cli.recover import recover
 from dctorque_can.cli.replay import replay
 from dctorque_can.cli.run import run
 from dctorque_can.cli.simulate import simulate
+from dctorque_can.cli.study import study
 from dctorque_can.errors import DctorqueError
 
 DEBUG = "--debug"
@@ -35,7 +36,7 @@ app = typer.Typer(
 )
 
 
-for subcommand in (run, replay, simulate, demo, check, recover):
+for subcommand in (run, replay, simulate, demo, study, check, recover):
     app.command()(subcommand)
 
 

@@ -18,7 +18,7 @@ from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.pipeline.settings import DrivenAxle
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
-from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, emit_frames
+from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, SensorProfile, emit_frames
 
 START_US = 1_704_067_200_000_000  # 2024-01-01T00:00:00Z: the same seed gives the same file
 MIXED_S = 360.0
@@ -77,12 +77,8 @@ def simulate_car(
         DctorqueError: the vehicle cannot be simulated, or its DBCs lack the messages of the simulated car.
     """
     vehicle = config.settings.vehicle
-    truth = simulate(vehicle, _drive(config, drive, seed, duration_s), progress=progress)
-    sensors = replace(
-        LABORATORY if profile is ProfileName.LABORATORY else PRODUCTION,
-        seed=seed,
-        driven_axle=_AXLES[config.settings.driven_axle],
-    )
+    truth = simulate(vehicle, drive_of(config, drive, seed, duration_s), progress=progress)
+    sensors = sensors_of(config, profile, seed)
     frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
     return SimulatedDrive(frames, shifted(truth, START_US), f"{drive} drive, {profile} signals, seed {seed}")
 
@@ -116,7 +112,18 @@ def _mcap(config: Config, drive: SimulatedDrive, path: Path) -> McapLog:
     return McapLog(path, documents=config.documents, metadata={"simulation": {"drive": drive.name}})
 
 
-def _drive(config: Config, name: DriveName, seed: int, duration_s: float | None) -> Drive:
+def drive_of(config: Config, name: DriveName, seed: int, duration_s: float | None) -> Drive:
+    """Return the drive of that name for the vehicle of ``config``; the seed is that of a mixed drive.
+
+    Raises:
+        DctorqueError: it is too short.
+    """
     if name is DriveName.MIXED:
         return mixed_drive(config.settings.vehicle, seed, duration_s or MIXED_S)
     return PAPER if duration_s is None else replace(PAPER, duration_s=duration_s)
+
+
+def sensors_of(config: Config, profile: ProfileName, seed: int) -> SensorProfile:
+    """Return how the car of ``config`` measures and sends; the seed is that of noise and jitter."""
+    sensors = LABORATORY if profile is ProfileName.LABORATORY else PRODUCTION
+    return replace(sensors, seed=seed, driven_axle=_AXLES[config.settings.driven_axle])

@@ -100,10 +100,10 @@ def capacity(p: Parameters, clutch: int, position: float) -> float:
 
 @compiled
 def position_for(p: Parameters, clutch: int, torque: float, ready: bool) -> float:
-    """Return the actuator position in mm that gives a capacity, or the resting position for none."""
+    """Return the position in mm that, for all the control knows, gives a capacity, or that of rest for none."""
     if torque <= 0.0:
         return p.ready if ready else 0.0
-    share = min(1.0, torque / p.capacity_full[clutch])
+    share = min(1.0, torque / p.capacity_assumed[clutch])
     return float(p.kiss + (p.full - p.kiss) * share ** (1.0 / p.force_exponent))
 
 

@@ -38,6 +38,7 @@ class Powertrain:
     full_position_mm: float
     ready_position_mm: float  # waiting just short of the kissing point
     force_exponent: float  # normal force = maximum · ((x − kissing)/(full − kissing))^exponent
+    friction_over_assumed: float  # clutch friction over the one that the gearbox control reckons with
     actuator_lag_s: float
     synchroniser_friction_static: float
     synchroniser_friction_kinetic: float
@@ -69,6 +70,7 @@ DEMO_POWERTRAIN = Powertrain(
     full_position_mm=10.0,
     ready_position_mm=2.5,
     force_exponent=1.5,
+    friction_over_assumed=1.0,
     actuator_lag_s=0.025,
     synchroniser_friction_static=0.35,
     synchroniser_friction_kinetic=0.30,
@@ -120,6 +122,7 @@ class Parameters(NamedTuple):
     b_o: float
     drag: Floats  # [2]
     capacity_full: Floats  # [2] kinetic torque capacity at full normal force
+    capacity_assumed: Floats  # [2] … with the friction that the gearbox control reckons with
     static_ratio: Floats  # [2] static over kinetic
     n_gears: int
     gear_shaft: NDArray[np.int64]  # 0 or 1
@@ -163,6 +166,9 @@ def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> P
     chassis = vehicle.chassis
     mass = chassis.mass_kg + payload_kg
     clutches, shafts = vehicle.clutches, vehicle.shafts
+    capacity_full = np.array(
+        [c.surfaces * c.friction_kinetic * c.effective_radius_m * c.max_normal_force_n for c in clutches]
+    )
     share = powertrain.driven_wheel_inertia_share
     load = mass * STANDARD_GRAVITY * powertrain.driven_axle_load_share
     return Parameters(
@@ -186,9 +192,8 @@ def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> P
         k_o=vehicle.output_shaft.stiffness_nm_per_rad,
         b_o=vehicle.output_shaft.damping_nms_per_rad,
         drag=np.array([clutch.drag_nms_per_rad for clutch in clutches]),
-        capacity_full=np.array(
-            [c.surfaces * c.friction_kinetic * c.effective_radius_m * c.max_normal_force_n for c in clutches]
-        ),
+        capacity_full=capacity_full,
+        capacity_assumed=capacity_full / powertrain.friction_over_assumed,
         static_ratio=np.array([c.friction_static / c.friction_kinetic for c in clutches]),
         n_gears=n,
         gear_shaft=np.array([0] + [forward[i].shaft - 1 for i in range(1, n + 1)], np.int64),

@@ -190,7 +190,8 @@ class FrameEmitter:
     """The electronic control units of one car: they count and sign from one drive to the next.
 
     Args:
-        vehicle: for the wheel radius.
+        vehicle: for the wheel radius that is coded in the brake control unit, whatever the tyre's true radius is:
+            the unit measures rad/s and multiplies.
         profile: how the car measures and sends.
         database: with the messages of demo_car.dbc.
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dctorque_can.analysis.plot import drive_figure, save_figure
+from dctorque_can.analysis.sensitivity_plot import SensitivityPanel, sensitivity_figure
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.estimates import ESTIMATE
 
@@ -38,3 +39,28 @@ def test_failures_are_clear(estimates: np.ndarray) -> None:
         drive_figure(estimates[:0], None, "")
     with pytest.raises(DctorqueError, match=r"/nowhere/x\.png: the plot cannot be written"):
         save_figure(drive_figure(estimates, None, ""), Path("/nowhere/x.png"))
+
+
+def test_the_bars_of_a_ranking_are_named_measured_and_marked(tmp_path: Path) -> None:
+    change = np.arange(12.0, 0.0, -1.0)
+    panel = SensitivityPanel(
+        title="Clutch 1",
+        labels=[f"factor {i}" for i in range(12)],
+        change=change,
+        low=0.8 * change,
+        high=1.2 * change,
+        significant=change > 6,
+        shapes=["∪"] * 12,
+    )
+    figure = sensitivity_figure([panel, panel, panel], "a study")
+    assert figure.get_size_inches()[0] * figure.dpi == 900
+    for axis in figure.axes:
+        assert axis.get_xlabel().endswith("[N·m]")
+        assert [bar.get_width() for bar in axis.patches] == list(change[:10])
+        assert [label.get_text() for label in axis.get_yticklabels()] == panel.labels[:10]
+        assert len({bar.get_facecolor() for bar in axis.patches}) == 2
+        assert "2 more factors below 3 N·m" in [text.get_text() for text in axis.texts]
+        assert "12 ∪" in [text.get_text() for text in axis.texts]
+    save_figure(figure, tmp_path / "sensitivity.png")
+    with pytest.raises(DctorqueError, match="no factors"):
+        sensitivity_figure([], "")

@@ -1,0 +1,211 @@
+"""``dctorque study``: how robust the estimator is on a car that is not quite what it believes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from dctorque_can.cli import configuration
+from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json, progress_bar, say, warn
+from dctorque_can.cli.exit_codes import ExitCode
+from dctorque_can.cli.options import JsonOption, SetOption
+
+if TYPE_CHECKING:
+    from dctorque_can.analysis.sensitivity_plot import SensitivityPanel
+    from dctorque_can.study.plan import Study
+    from dctorque_can.study.results import Results
+    from dctorque_can.study.summary import StudySummary
+
+_TORQUES = {"clutch1_nm": "clutch 1", "clutch2_nm": "clutch 2", "output_nm": "output shaft"}
+_MOST_REASONS = 5
+
+
+def study(
+    file: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="Study (YAML), or the bare name of one that ships: paper_car.")
+    ],
+    settings: SetOption = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FOLDER",
+            help="Takes results.jsonl, summary.json, sensitivity.png.  [default: out/study_NAME]",
+            show_default=False,
+        ),
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option("--runs", min=1, help="Instead of the number in the file.", show_default=False)
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", "-j", min=1, help="Processes.  [default: one per core]", show_default=False),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", "-f", help="Throw away what another study left in the folder.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Simulate many cars, each a little different from what the estimator believes, and rank what hurts it.
+
+    Ctrl-C keeps every finished run, and the same command goes on from there. Exit code 3: a run failed.
+    """
+    with activity("loading", show=STDERR.is_terminal):
+        from dctorque_can.resources import find_study
+        from dctorque_can.study.plan import load_study
+        from dctorque_can.study.results import Results
+        from dctorque_can.study.summary import summarise
+
+        loaded = load_study(find_study(file), configuration.overrides(settings), runs)
+    for warning in loaded.config.warnings:
+        warn(str(warning).replace("warning: ", "", 1))
+    folder = folder or Path("out") / f"study_{loaded.path.stem}"
+    with Results(folder / "results.jsonl", loaded.identity(), force, warn) as results:
+        try:
+            _run(loaded, results, jobs)
+        except KeyboardInterrupt as interrupt:
+            done = sum(number in results.records for number in range(1, loaded.plan.runs + 1))
+            say(f"interrupted: {done} of {loaded.plan.runs} runs are kept; the same command goes on from there")
+            raise typer.Exit(ExitCode.INTERRUPTED) from interrupt
+        with activity("ranking the factors", show=STDERR.is_terminal):
+            summary = summarise(loaded, results.records)
+            files = _write(summary, folder)
+    _show(summary, files, as_json)
+    if summary.failed:
+        raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _run(loaded: Study, results: Results, jobs: int | None) -> None:
+    """Make the runs that are not there yet."""
+    from dctorque_can.errors import DctorqueError
+    from dctorque_can.study.draw import draw
+    from dctorque_can.study.pool import available_cores, finished_runs
+    from dctorque_can.study.run import Setup
+
+    missing = {number: values for number, values in enumerate(draw(loaded)) if number not in results.records}
+    total = loaded.plan.runs + 1
+    if not missing:
+        say(f"all {loaded.plan.runs} runs are there already")
+        return
+    if len(missing) < total:
+        say(f"{total - len(missing)} runs are there already, {len(missing)} are missing")
+    what = f"{len(missing)} drives (the first run on a machine compiles for up to a minute)"
+    if not STDERR.is_terminal:
+        say(what)
+    with progress_bar(what) as progress:
+        progress(1.0 - len(missing) / total)
+        for record in finished_runs(Setup.of(loaded), missing, jobs or available_cores()):
+            if record["run"] == 0 and "error" in record:
+                raise DctorqueError(f"{loaded.path}: the car with nothing varied fails already: {record['error']}")
+            results.append(record)
+            progress(len(results.records) / total)
+
+
+def _write(summary: StudySummary, folder: Path) -> dict[str, str]:
+    from dctorque_can.analysis.plot import save_figure
+    from dctorque_can.analysis.sensitivity_plot import sensitivity_figure
+
+    files = {"results": folder / "results.jsonl", "summary": folder / "summary.json"}
+    plot = folder / "sensitivity.png"
+    if summary.sensitivities:
+        plan = summary.study.plan
+        title = (
+            f"{summary.study.config.name}: {plan.drive} drive, {plan.profile} signals, {summary.used} cars\n"
+            "What moves the RMS error of the estimates"
+        )
+        save_figure(sensitivity_figure([_panel(summary, torque) for torque in _TORQUES], title), plot)
+        files["plot"] = plot
+    else:
+        plot.unlink(missing_ok=True)  # of fewer factors or more runs
+    text = json.dumps(summary.as_json(), indent=2, allow_nan=False, ensure_ascii=False)
+    files["summary"].write_text(text + "\n", encoding="utf-8")
+    return {name: str(path) for name, path in files.items()}
+
+
+def _panel(summary: StudySummary, torque: str) -> SensitivityPanel:
+    import numpy as np
+
+    from dctorque_can.analysis.sensitivity_plot import SensitivityPanel
+
+    ranking = summary.ranking(torque)
+    rms = summary.rms[torque]
+    title = (
+        f"{_TORQUES[torque].capitalize()}: nominal {summary.nominal[torque]:.3g}, median {rms['p50']:.3g}, "
+        f"95 % below {rms['p95']:.3g} N·m; {100 * summary.sensitivities[torque].explained:.0f} % explained"
+    )
+    return SensitivityPanel(
+        title=title,
+        labels=[_label(summary.study, name) for name, _ in ranking],
+        change=np.array([effect.change for _, effect in ranking]),
+        low=np.array([effect.low for _, effect in ranking]),
+        high=np.array([effect.high for _, effect in ranking]),
+        significant=np.array([effect.significant for _, effect in ranking]),
+        shapes=[effect.shape for _, effect in ranking],
+    )
+
+
+def _label(loaded: Study, name: str) -> str:
+    low, high = loaded.vary[name].limits
+    return f"{name}  {low:g} … {high:g}"
+
+
+def _show(summary: StudySummary, files: dict[str, str], as_json: bool) -> None:
+    for run, reason in list(summary.failed.items())[:_MOST_REASONS]:
+        warn(f"run {run} failed: {reason}")
+    if len(summary.failed) > _MOST_REASONS:
+        warn(f"{len(summary.failed) - _MOST_REASONS} more runs failed; {files['summary']} names them")
+    if not summary.sensitivities:
+        say(f"no ranking: {summary.runs_for_ranking} good runs would be needed, there are {summary.used}")
+    if as_json:
+        result: dict[str, Any] = summary.as_json() | {"files": files}
+        print_json(result)
+        return
+    STDOUT.print(_quantiles(summary))
+    if summary.sensitivities:
+        STDOUT.print(_ranking(summary))
+    for name, path in files.items():
+        STDOUT.print(f"{name:8}{path}", soft_wrap=True)
+
+
+def _quantiles(summary: StudySummary) -> Table:
+    plan = summary.study.plan
+    failed = f", {len(summary.failed)} failed" if summary.failed else ""
+    title = (
+        f"{summary.study.config.name}: RMS error [N·m], {plan.drive} drive, {plan.profile} signals, "
+        f"{plan.runs} runs{failed}"
+    )
+    table = Table(title=title, title_justify="left")
+    table.add_column("Torque")
+    for heading in ("nominal", "5 %", "50 %", "95 %"):
+        table.add_column(heading, justify="right")
+    for torque, name in _TORQUES.items():
+        figures = (summary.nominal[torque], *summary.rms.get(torque, {}).values())
+        table.add_row(name, *(f"{figure:.2f}" for figure in figures))
+    return table
+
+
+def _ranking(summary: StudySummary) -> Table:
+    """Return the change of the RMS error per factor and torque; chance in brackets."""
+    table = Table(title="Change of the RMS error over each factor's range [N·m]", title_justify="left")
+    table.add_column("Factor")
+    for name in _TORQUES.values():
+        table.add_column(name, justify="right")
+    effects = {torque: dict(summary.ranking(torque)) for torque in _TORQUES}
+    for factor, _ in summary.ranking("clutch1_nm"):
+        cells = [effects[torque][factor] for torque in _TORQUES]
+        if any(effect.significant for effect in cells):
+            shown = (
+                f"{e.change:.2f} {e.shape}" if e.significant else f"[dim]({e.change:.2f})  [/]" for e in cells
+            )
+            table.add_row(_label(summary.study, factor), *shown)
+    table.caption = (
+        "worse ↑ with more, ↓ with less, ∪ at both ends, ∩ in between; in brackets: no more than chance; "
+        "factors that are so for every torque are left out"
+    )
+    table.caption_justify = "left"
+    return table

@@ -1,0 +1,91 @@
+"""The runs of a study in several processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait
+
+from dctorque_can.errors import DctorqueError
+from dctorque_can.study.run import Bench, Record, Setup
+
+_bench: Bench | None = None  # of a worker process
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def finished_runs(setup: Setup, values: Mapping[int, Mapping[str, float]], jobs: int) -> Iterator[Record]:
+    """Yield the record of every run, in the order in which they finish.
+
+    Compiled code is made here, before any worker starts: they find it in the cache. When the caller stops taking
+    records (an interrupt, an error), workers are ended at once.
+
+    Args:
+        setup: of the study.
+        values: of the factors, by number of the run.
+        jobs: processes; with one the runs are made in this process.
+
+    Raises:
+        DctorqueError: a worker was ended from outside.
+    """
+    bench = Bench(setup)
+    bench.warm_up()
+    jobs = min(jobs, len(values))
+    if jobs <= 1:
+        for number, factors in values.items():
+            yield bench.run(number, factors)
+        return
+    others = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin, initargs=(setup,))
+    futures: list[Future[Record]] = []
+    try:
+        # Ctrl-C reaches every process of a terminal: workers inherit that it is blocked, and this one decides.
+        _with_interrupt_blocked(lambda: futures.extend(pool.submit(_run, *item) for item in values.items()))
+        for future in as_completed(futures):
+            yield future.result()
+    except BrokenProcessPool as error:
+        raise DctorqueError(
+            "a worker process was ended (out of memory?); what had finished is kept, and the same command goes on"
+        ) from error
+    finally:
+        if not all(future.done() for future in futures):
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
+        pool.shutdown(cancel_futures=True)
+
+
+def _with_interrupt_blocked(start: Callable[[], None]) -> None:
+    old = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, old)
+
+
+def _begin(setup: Setup) -> None:
+    """Prepare a worker process; it ends when its parent has ended in whatever way."""
+    global _bench
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    sentinel = parent.sentinel
+
+    def follow() -> None:
+        wait([sentinel])
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+    _bench = Bench(setup)
+
+
+def _run(number: int, values: Mapping[str, float]) -> Record:
+    assert _bench is not None
+    return _bench.run(number, values)
