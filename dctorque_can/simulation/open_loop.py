@@ -182,6 +182,10 @@ def _initial(p: Parameters, mechanism: Mechanism, model: DrivelineModel, truth: 
     ) / p.k_o
     for shaft in range(2):
         name = f"shaft{shaft + 1}_speed_rad_s"
+        clutch_torque = row[f"clutch{shaft + 1}_torque_nm"]
+        motion.torque[CLUTCH1 + shaft] = clutch_torque - p.drag[shaft] * (
+            motion.speed[DAMPER] - motion.speed[SHAFT1 + shaft]
+        )
         gear = int(row[f"gear{shaft + 1}"])
         set_gear(p, model == DrivelineModel.COMPLIANT, mechanism, shaft, gear)
         if row[f"phase{shaft + 1}"] == ClutchPhase.LOCKED:
@@ -189,12 +193,13 @@ def _initial(p: Parameters, mechanism: Mechanism, model: DrivelineModel, truth: 
             motion.speed[SHAFT1 + shaft] = motion.speed[DAMPER]
         if gear == 0:
             continue
+        torque = clutch_torque - p.J_shaft[shaft] * _rate(truth, name)  # (12), (13): T_ti/i_ti
         if model is DrivelineModel.COMPLIANT:
-            torque = row[f"clutch{shaft + 1}_torque_nm"] - p.J_shaft[shaft] * _rate(truth, name)
             rate = motion.speed[SHAFT1 + shaft] / p.ratio[gear] - p.final_drive[gear] * motion.speed[OUTPUT]
             motion.twist[TWIST_TRANSFER1 + shaft] = (p.ratio[gear] * torque - p.b_t[shaft] * rate) / p.k_t[shaft]
         else:  # one body: its parts turn at exactly one speed, that of the driven wheels' side
             motion.mode[MESH1 + shaft] = STUCK
+            motion.torque[MESH1 + shaft] = torque
             motion.speed[SHAFT1 + shaft] = p.ratio[gear] * p.final_drive[gear] * motion.speed[OUTPUT]
             if row[f"phase{shaft + 1}"] == ClutchPhase.LOCKED:
                 motion.speed[DAMPER] = motion.speed[SHAFT1 + shaft]

@@ -1,0 +1,158 @@
+"""Section 4.1: the drive of Fig. 6, the estimates of Fig. 7, Table 1 and what its variants and limits are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from cases import SEEDS, TORQUES, Score, car, estimate, frames_of, on_rows, paper_frames, paper_truth, score, table
+from drawing import BLUE, GREEN, RED, RPM, THIN, TRUE, VIOLET, finish, legend, new_figure
+from matplotlib.figure import Figure
+
+from dctorque_can.analysis.shifts import find_shifts
+from dctorque_can.simulation.drive import Drive, simulate
+from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, Noise
+
+KMH = 3.6
+PRINTED = ["2.124", "3.403", "67.233"]
+PANELS = ("Clutch 1 torque [N·m]", "Clutch 2 torque [N·m]", "Output torque [N·m]")
+UIO = ("clutch1_torque_uio_nm", "clutch2_torque_uio_nm", "output_torque_nm")
+NEAR = 0.25  # s around a shift in the close-ups
+GENERIC = {
+    "acceleration_bandwidth_rad_s": 100,
+    "engine_bandwidth_rad_s": 200,
+    "shaft_bandwidth_rad_s": 200,
+}  # the defaults of a production bus
+
+
+def drive() -> tuple[dict[str, Figure], str]:
+    """Draw the drive, as Fig. 6, and the estimates, as Fig. 7."""
+    truth = paper_truth()
+    t = truth["t_us"] / 1e6
+    figure, axes = new_figure(4, 1, "The drive of section 4.1 (compare Fig. 6)", 9.0, sharex=True)
+    a, b, c, d = axes[:, 0]
+    a.plot(t, 100 * truth["pedal"], color="0.2", label="throttle [%]", **THIN)
+    a.plot(t, truth["engine_torque_nm"], color=GREEN, label="engine torque [N·m]", **THIN)
+    a.set_ylabel("Throttle, torque")
+    for i, colour in ((1, BLUE), (2, RED)):
+        b.plot(t, truth[f"clutch{i}_position_mm"], color=colour, label=f"clutch {i}", **THIN)
+        c.plot(t, RPM * truth[f"shaft{i}_speed_rad_s"], color=colour, label=f"input shaft {i}", **THIN)
+    b.axhline(3.0, color="0.5", linestyle=":", linewidth=1.0, label="kissing point")
+    b.set_ylabel("Actuator position [mm]")
+    c.plot(t, RPM * truth["engine_speed_rad_s"], color="0.15", label="engine", **THIN)
+    c.set_ylabel("Speed [rpm]")
+    r_w = car("paper_car").settings.vehicle.chassis.wheel_radius_m
+    d.plot(t, KMH * r_w * truth["undriven_wheel_speed_rad_s"], color="0.2", label="vehicle speed", **THIN)
+    d.set_ylabel("Vehicle speed [km/h]")
+    for axis in (a, b, c, d):
+        legend(axis, loc="upper right")
+    finish([d])
+    return {"drive": figure, "estimates": estimates()}, ""
+
+
+def estimates() -> Figure:
+    """Draw the estimates over the drive and close to both shifts."""
+    truth = paper_truth()
+    rows = estimate(car("paper_car"), paper_frames(1))
+    figure, axes = new_figure(
+        3, 3, "Full observer on 1 kHz signals with noise (compare Fig. 7)", 8.4, width_ratios=(1.5, 1, 1)
+    )
+    t, te = truth["t_us"] / 1e6, rows["t_us"] / 1e6
+    shifts = find_shifts(truth)
+    up, down = next(s for s in shifts if s.is_up), next(s for s in shifts if not s.is_up)
+    spans = [(t[0], t[-1]), *((t[s.start] - NEAR, t[s.end] + NEAR) for s in (up, down))]
+    titles = ("whole drive", f"up-shift {up.from_gear} → {up.to_gear}", f"down-shift {down.from_gear} → {down.to_gear}")
+    for column, ((start, end), title) in enumerate(zip(spans, titles, strict=True)):
+        axes[0, column].set_title(title, fontsize=10)
+        shown, seen = (t >= start) & (t <= end), (te >= start) & (te <= end)
+        for axis, field, label, colour in zip(axes[:, column], TORQUES, PANELS, (BLUE, RED, GREEN), strict=True):
+            axis.plot(t[shown], truth[field][shown], label="true", **TRUE)
+            axis.plot(te[seen], rows[field][seen], color=colour, label="estimated", linewidth=0.9)
+            if column == 0:
+                axis.set_ylabel(label)
+                legend(axis, loc="upper right")
+        finish([axes[2, column]])
+        for axis in axes[:, column]:
+            axis.margins(x=0)
+    return figure
+
+
+def all_frames(profile=LABORATORY):
+    """Return the frames of all seeds."""
+    return {seed: paper_frames(seed, profile) for seed in SEEDS}
+
+
+def table1() -> tuple[dict[str, Figure], str]:
+    """Hold Table 1 against ours."""
+    frames = all_frames()
+    truth = paper_truth()
+    peaks = [f"{np.abs(truth[f]).max():.0f}" for f in TORQUES]
+    rows = [
+        ["the paper, Table 1 (peaks 140, 265, 2500)", *PRINTED],
+        [f"ours, full observer (peaks {', '.join(peaks)})", *score(car("paper_car"), frames, truth).cells()],
+    ]
+    return {}, table(["RMS error [N·m]", "clutch 1", "clutch 2", "output shaft"], rows)
+
+
+def variants() -> tuple[dict[str, Figure], str]:
+    """Switch one thing at a time."""
+    frames, truth = all_frames(), paper_truth()
+    full = "full observer"
+    scores: dict[str, Score] = {full: score(car("paper_car"), frames, truth)}
+    scores["unknown input observers alone"] = score(
+        car("paper_car", sub_observer="unknown_input"), frames, truth
+    )
+    changes = {
+        "no attenuation before the kissing point": {"phase_gating": False},
+        "road_load: flat": {"road_load": "flat"},
+        "road_load: none": {"road_load": "none"},
+        "road_load: none, no attenuation": {"road_load": "none", "phase_gating": False},
+        "rate law as printed in rows 1, 2 of A": {"printed_rate_law": True},
+        "gains of a production bus": GENERIC,
+    }
+    for name, change in changes.items():
+        scores[name] = score(car("paper_car", **change), frames, truth)
+    rows = [[name, *one.cells()] for name, one in scores.items()]
+    figure, axes = new_figure(1, 3, "RMS error on the paper's drive, one thing changed at a time", 4.0, sharey=True)
+    names = list(scores)[::-1]
+    for column, (axis, label) in enumerate(zip(axes[0], ("Clutch 1", "Clutch 2", "Output shaft"), strict=True)):
+        values = [scores[name].rms[:, column].mean() for name in names]
+        colours = [BLUE if name == full else "0.65" for name in names]
+        axis.barh(names, values, color=colours)
+        for place, value in enumerate(values):
+            axis.text(value, place, f" {value:.1f}" if value < 100 else f" {value:.0f}", va="center", fontsize=8)
+        axis.axvline(float(PRINTED[column]), color=RED, linestyle="--", linewidth=1.2)
+        axis.set_xscale("log")
+        axis.set_xlim(0.7 * min(values), 3.0 * max(values))
+        axis.set_xlabel(f"{label} [N·m]")
+        axis.tick_params(axis="y", labelsize=8)
+    axes[0, 0].text(
+        float(PRINTED[0]) * 1.1, len(names) - 0.45, "Table 1", color=RED, fontsize=8, va="bottom"
+    )
+    return {"variants": figure}, table(["RMS error [N·m]", "clutch 1", "clutch 2", "output shaft"], rows)
+
+
+def limits() -> tuple[dict[str, Figure], str]:
+    """Take one source of error away at a time, down to what the observer's own model leaves."""
+    truth = paper_truth()
+    clean = replace(LABORATORY, noise=Noise(0.0, 0.0, 0.0))
+    fast = {
+        "acceleration_bandwidth_rad_s": 500,
+        "engine_bandwidth_rad_s": 500,
+        "shaft_bandwidth_rad_s": 500,
+        "torque_crossover_rad_s": 500,
+    }
+    lossless, no_loss_truth = without_losses()
+    cases = {
+        "as in Table 1": score(car("paper_car"), all_frames(), truth),
+        "without noise": score(car("paper_car"), {1: paper_frames(1, clean)}, truth),
+        "without noise, all poles at 500 rad/s": score(car("paper_car", **fast), {1: paper_frames(1, clean)}, truth),
+        "… and a true engine torque 10 ms late": score(
+            car("paper_car", **fast), {1: paper_frames(1, replace(clean, torque_delay_us=10_000))}, truth
+        ),
+        "production CAN": score(car("paper_car"), all_frames(PRODUCTION), truth),
+        "production CAN, gains of a production bus": score(car("paper_car", **GENERIC), all_frames(PRODUCTION), truth),
+        "without noise, 500 rad/s, gears without losses": score(lossless, no_loss_truth[1], no_loss_truth[0]),
+    }
+    rows = [[name, *(one.cells() if len(one.rms) > 1 else single(one))] for name, one in cases.items()]
+    return {}, table(["RMS error [N·m]", "clutch 1", "clutch 2", "output shaft"], rows)
