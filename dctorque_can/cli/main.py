@@ -15,6 +15,7 @@ from dctorque_can import __version__
 from dctorque_can.cli.check import check
 from dctorque_can.cli.console import fail
 from dctorque_can.cli.demo import demo
+from dctorque_can.cli.design import design
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.recover import recover
 from dctorque_can.cli.replay import replay
@@ -36,7 +37,7 @@ app = typer.Typer(
 )
 
 
-for subcommand in (run, replay, simulate, demo, study, check, recover):
+for subcommand in (run, replay, simulate, demo, study, check, design, recover):
     app.command()(subcommand)
 
 

@@ -19,7 +19,7 @@ from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 
 PAPER = shipped_config("paper_car")
-COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "recover")
+COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover")
 
 
 def test_help_names_every_command_and_the_exit_codes(dctorque_process) -> None:
