@@ -257,8 +257,12 @@ def traffic(condition, vehicle, g1, g2, seconds, sensors, random):
 
 @pytest.mark.parametrize(("car", "g1", "g2"), [("paper_car", 1, 2), ("avante_dct7", 5, 4)])
 def test_noise_is_that_of_the_estimator(car, g1, g2):
-    """The whole estimator at cruise with both clutches closed and a flat road: within 5 %."""
+    """The whole estimator at cruise with both clutches closed and a flat road: within 5 %.
+
+    The noise is small against the road load, or the direction of the power, and the losses with it, would flicker.
+    """
     settings = CARS[car]
+    quiet = SpeedSensors(0.06, 0.06, 0.004, 1000, 1000, 1000)
     settings = replace(
         settings,
         estimate_period_us=1000,
@@ -266,9 +270,9 @@ def test_noise_is_that_of_the_estimator(car, g1, g2):
     )
     vehicle = settings.vehicle
     condition = next(c for c in driving_conditions(vehicle, g1, g2) if c.name == "cruise")
-    samples = traffic(condition, vehicle, g1, g2, 40.0, LABORATORY, np.random.default_rng(2))
+    samples = traffic(condition, vehicle, g1, g2, 40.0, quiet, np.random.default_rng(2))
     rows = Estimator(settings).feed(samples).rows[2000:]
-    model = SampledErrors(vehicle, settings.observer, g1, g2, condition, LABORATORY, settings.step_us)
+    model = SampledErrors(vehicle, settings.observer, g1, g2, condition, quiet, settings.step_us)
     predicted = dict(zip(TORQUES, model.deviations(), strict=True))
     del predicted["side_torque_nm"]  # is not published
     for name, sigma in predicted.items():
