@@ -40,7 +40,6 @@ def frames_of(truth: NDArray[np.void], name: str, profile: SensorProfile, seed: 
     return emit_frames(truth, config.settings.vehicle, replace(profile, seed=seed), config.database, start_us=0)
 
 
-@cache
 def paper_frames(seed: int, profile: SensorProfile = LABORATORY) -> Frames:
     """Return the frames of the section 4.1 car on the paper's drive."""
     return frames_of(paper_truth(), "paper_car", profile, seed)
@@ -70,7 +69,9 @@ class Score:
     def cells(self) -> list[str]:
         """Return mean ± standard deviation of each torque."""
         mean, spread = self.rms.mean(axis=0), self.rms.std(axis=0)
-        return [f"{m:.2f} ± {s:.2f}" if m < 10 else f"{m:.1f} ± {s:.1f}" for m, s in zip(mean, spread, strict=True)]
+        return [
+            f"{m:.2f} ± {s:.2f}" if m < 10 else f"{m:.1f} ± {s:.1f}" for m, s in zip(mean, spread, strict=True)
+        ]
 
 
 def score(
@@ -83,9 +84,7 @@ def score(
     result = []
     for one in frames.values():
         rows = estimate(config, one)
-        result.append(
-            [rms(rows[f] - on_rows(rows, truth, true)) for f, true in zip(fields, TORQUES, strict=True)]
-        )
+        result.append([rms(rows[f] - on_rows(rows, truth, true)) for f, true in zip(fields, TORQUES, strict=True)])
     return Score(np.array(result))
 
 
