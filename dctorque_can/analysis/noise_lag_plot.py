@@ -70,7 +70,8 @@ def noise_lag_figure(
     axis.xaxis.set_major_locator(FixedLocator(shown))
     axis.xaxis.set_minor_locator(NullLocator())
     axis.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axis.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    for formatter in (axis.yaxis.set_major_formatter, axis.yaxis.set_minor_formatter):
+        formatter(FuncFormatter(lambda y, _: f"{y:g}"))
     axis.margins(x=0)
     axis.set_xlabel("Bandwidths, times the chosen ones [–]")
     axis.set_ylabel("Error of the clutch torque [N·m]")

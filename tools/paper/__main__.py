@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import commands
 import drive41
 import models
 import vehicle42
@@ -30,30 +31,35 @@ PAGES: dict[str, Callable[[], tuple[dict[str, Figure], str]]] = {
     "cruise": drive41.cruise,
     "vehicle": vehicle42.comparison,
 }
+COMMANDS: dict[str, Callable[[Path], str]] = {"design": commands.design, "studies": commands.studies}
 
 
 def put(text: str, name: str, content: str) -> str:
     """Return a page with what stands between the marks of ``name`` replaced."""
-    marks = re.compile(rf"(<!-- {name} -->\n).*?(\n<!-- /{name} -->)", re.DOTALL)
+    marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
     if not marks.search(text):
         raise SystemExit(f"{PAGE}: the marks <!-- {name} --> and <!-- /{name} --> are missing")
-    return marks.sub(lambda found: found[1] + content + found[2], text)
+    return marks.sub(lambda found: f"{found[1]}{content}\n{found[2]}", text)
 
 
 def main(wanted: list[str]) -> None:
-    unknown = sorted(set(wanted) - set(PAGES))
+    known = [*PAGES, *COMMANDS]
+    unknown = sorted(set(wanted) - set(known))
     if unknown:
-        raise SystemExit(f"unknown: {', '.join(unknown)}; there are: {', '.join(PAGES)}")
+        raise SystemExit(f"unknown: {', '.join(unknown)}; there are: {', '.join(known)}")
     IMAGES.mkdir(parents=True, exist_ok=True)
-    for name in wanted or PAGES:
+    for name in wanted or known:
         start = time.monotonic()
-        figures, content = PAGES[name]()
-        for image, figure in figures.items():
-            figure.savefig(IMAGES / f"{image}.png")
+        if name in COMMANDS:
+            content = COMMANDS[name](IMAGES)
+        else:
+            figures, content = PAGES[name]()
+            for image, figure in figures.items():
+                figure.savefig(IMAGES / f"{image}.png")
         if content:
             print(f"\n{content}")
             PAGE.write_text(put(PAGE.read_text(encoding="utf-8"), name, content), encoding="utf-8")
-        print(f"{name}: {', '.join(figures)} in {time.monotonic() - start:.0f} s", file=sys.stderr)
+        print(f"{name}: {time.monotonic() - start:.0f} s", file=sys.stderr)
 
 
 if __name__ == "__main__":
