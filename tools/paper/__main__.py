@@ -29,6 +29,7 @@ PAGES: dict[str, Callable[[], tuple[dict[str, Figure], str]]] = {
     "variants": drive41.variants,
     "limits": drive41.limits,
     "cruise": drive41.cruise,
+    "stiff_shafts": vehicle42.stiff_shafts,
     "vehicle": vehicle42.comparison,
 }
 COMMANDS: dict[str, Callable[[Path], str]] = {"design": commands.design, "studies": commands.studies}

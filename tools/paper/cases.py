@@ -62,7 +62,7 @@ def rms(error: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True)
 class Score:
-    """RMS errors over several seeds, ``[seeds, 3]`` in the order of `TORQUES`."""
+    """RMS errors over several seeds, ``[seeds, torques]``."""
 
     rms: NDArray[np.float64]
 

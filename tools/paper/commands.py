@@ -39,5 +39,7 @@ def studies(images: Path) -> str:
             ranking = [one for one in summary["sensitivity"][torque]["ranking"] if one["significant"]]
             named = [f"{one['factor']} {one['change_nm']:.1f}{one['shape']}" for one in ranking[:LARGEST]]
             numbers = (summary["nominal_rms"][torque], spread["p5"], spread["p50"], spread["p95"])
-            rows.append([f"{label}, {word}", *(f"{x:.1f}" for x in numbers), ", ".join(named) or "none above chance"])
+            rows.append(
+                [f"{label}, {word}", *(f"{x:.1f}" for x in numbers), ", ".join(named) or "none above chance"]
+            )
     return table(["RMS error [N·m]", "nominal", "5 %", "median", "95 %", "largest factors, change [N·m]"], rows)

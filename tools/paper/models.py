@@ -12,7 +12,7 @@ from dctorque_can.analysis.shifts import Shift, find_shifts
 from dctorque_can.simulation.open_loop import DrivelineModel, run_open_loop
 from dctorque_can.simulation.tie_up import tie_up
 
-BEFORE, AFTER = 300, 700  # ms around a shift
+BEFORE, AFTER = 300, 500  # ms around a shift
 LOOKS = {DrivelineModel.CONVENTIONAL: (RED, "conventional"), DrivelineModel.COMPLIANT: (BLUE, "compliant")}
 COMPARED = {
     "engine_speed_rad_s": "engine speed [rad/s]",
@@ -51,7 +51,7 @@ def validation() -> tuple[dict[str, Figure], str]:
         legend(axes[0, 0])
         finish(axes[-1])
         figures[f"open_loop_{name}"] = figure
-    head = ["RMS of model − plant, from 0.3 s before to 0.7 s after the shift", *COMPARED.values()]
+    head = ["RMS of model − plant, from 0.3 s before to 0.5 s after the shift", *COMPARED.values()]
     return figures, table(head, rows)
 
 

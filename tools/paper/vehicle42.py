@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from cases import car, estimate, on_rows, rms, table
+from cases import Score, car, estimate, frames_of, on_rows, rms, table
 from drawing import BLUE, RED, TRUE, VIOLET, finish, legend, new_figure
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -71,6 +71,26 @@ def comparison() -> tuple[dict[str, Figure], str]:
     body.append(["(31) on the *true* clutch torques, both roads", f"{floor:.1f}", "", ""])
     head = ["RMS error of the output torque [N·m] (ratio to the first)", *PRINTED]
     return {"vehicle": draw(*shown)}, table(head, body)
+
+
+def stiff_shafts() -> tuple[dict[str, Figure], str]:
+    """Hold the full observer against its unknown input observers where the transfer shafts are stiff."""
+    config = car(NAME)
+    vehicle = config.settings.vehicle
+    full, alone = [], []
+    for seed in SEEDS:
+        truth = simulate(vehicle, mixed_drive(vehicle, seed, DRIVE_S))
+        rows = estimate(config, frames_of(truth, NAME, PRODUCTION, seed))
+        for errors, ending in ((full, "torque_nm"), (alone, "torque_uio_nm")):
+            true = [on_rows(rows, truth, f"clutch{i}_torque_nm") for i in (1, 2)]
+            errors.append([rms(rows[f"clutch{i}_{ending}"] - true[i - 1]) for i in (1, 2)])
+    rows = [
+        ["full observer", *Score(np.array(full)).cells()],
+        ["unknown input observers alone", *Score(np.array(alone)).cells()],
+    ]
+    return {}, table(
+        ["RMS error [N·m], section 2.3 car, production CAN, mixed drives", "clutch 1", "clutch 2"], rows
+    )
 
 
 def worn_and_hot(seed: int, hilly: bool) -> tuple[NDArray[np.void], Frames]:
