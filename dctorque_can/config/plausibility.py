@@ -9,9 +9,10 @@ from typing import NamedTuple
 from dctorque_can.config.estimation import GearsFromRatio
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.signals import GearSignalSection
+from dctorque_can.driveline.gear_pair import SMALLEST_RATIO_STEP
 from dctorque_can.driveline.parameters import Gear
 
-SAME_RATIO = 1e-6  # relative difference of total ratios below which (27), (28), (65), (66) divide by zero
+SAME_RATIO = 1e-6  # relative difference of total ratios that is rounding
 CLOSE_RATIO = 0.05  # … below which R/(R_1 - R_2) amplifies errors more than 20 times
 
 
@@ -43,8 +44,8 @@ def gear_doubts(gears: Mapping[KeyPath, Gear], complete: bool) -> Iterator[Doubt
         if first.shaft == second.shaft:
             continue
         apart = abs(first.total_ratio - second.total_ratio) / max(first.total_ratio, second.total_ratio)
-        if apart < SAME_RATIO:
-            reason = f"the pair with gear {first.number} is singular: both have the total ratio"
+        if apart < SMALLEST_RATIO_STEP:
+            reason = f"the pair with gear {first.number} is singular: both have (nearly) the total ratio"
             yield Doubt(path, f"{reason} {second.total_ratio:.4g}, so their torques cannot be told apart", False)
         elif apart < CLOSE_RATIO:
             reason = f"total ratio only {100 * apart:.2g} % from that of gear {first.number} on the other shaft"

@@ -38,7 +38,8 @@ def singular_pairs(vehicle: Vehicle) -> Iterator[str]:
 
 
 def _singularity(one: Gear, two: Gear) -> Iterator[str]:
-    if abs(one.total_ratio - two.total_ratio) < SMALLEST_RATIO_STEP * abs(one.total_ratio):
+    larger = max(abs(one.total_ratio), abs(two.total_ratio))
+    if abs(one.total_ratio - two.total_ratio) < SMALLEST_RATIO_STEP * larger:
         yield (
             f"gears {one.number} and {two.number} have the same total ratio {one.total_ratio:g}: "
             "with both engaged the two clutch torques cannot be told apart "
