@@ -32,6 +32,7 @@ from dctorque_can.config.signals import (
 from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear, gear_number
 from dctorque_can.driveline.parameters import Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
+from dctorque_can.estimators.design import Method
 from dctorque_can.pipeline.samples import Protection, Quantity
 from dctorque_can.pipeline.settings import DrivenAxle, GearInference, Settings
 
@@ -74,7 +75,9 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         inputs=tuple(entry.input for entry in builder.entries),
         phases=phases,
         gear_inference=inference,
+        method=Method[estimator.method.upper()],
         observer=estimator.oh2014.build(),
+        kalman=estimator.kalman.build(),
         driven_axle=vehicle.axle,
         step_us=microseconds(estimator.step_ms),
         estimate_period_us=microseconds(estimator.period_ms),

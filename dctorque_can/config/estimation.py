@@ -13,7 +13,7 @@ from pydantic import Field
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
 from dctorque_can.config.signals import CommandSection, FlagSection, GearSignalSection, PositionSection
-from dctorque_can.estimators.design import Oh2014Design, RoadLoad, SubObserver
+from dctorque_can.estimators.design import KalmanDesign, Oh2014Design, RoadLoad, SubObserver
 from dctorque_can.pipeline.settings import GearInference
 
 FASTEST_POLE = 0.5  # bandwidth · step; beyond it a discrete observer no longer behaves as designed
@@ -155,6 +155,49 @@ class Oh2014Section(Section):
         return Oh2014Design(**numbers)
 
 
+Noise = Annotated[float, Field(gt=0, le=100)]
+Rate = Annotated[float, Field(gt=0, le=1e6)]
+
+
+class KalmanSection(Section):
+    """What the Kalman estimator is told of sensors, torques and disturbances; standard deviations throughout."""
+
+    engine_speed_noise_rad_s: Noise = 0.2
+    """Noise of one sample of the engine speed, resolution/√12 included, rad/s."""
+    shaft_speed_noise_rad_s: Noise = 0.2
+    """Noise of one sample of an input-shaft speed, rad/s."""
+    wheel_speed_noise_rad_s: Noise = 0.025
+    """Noise of one sample of one wheel speed, rad/s."""
+    slipping_torque_rate_nm_per_s: Rate = 2500.0
+    """How fast the torque of a slipping clutch changes, N·m/s."""
+    locked_torque_rate_nm_per_s: Rate = 800.0
+    """How fast the torque of a locked clutch changes, N·m/s."""
+    torque_rate_time_s: Annotated[float, Field(ge=0.005, le=10)] = 0.03
+    """For how long a clutch torque keeps its rate, s."""
+    open_torque_nm: Annotated[float, Field(gt=0, le=100)] = 1.0
+    """Torque of an open clutch beside its viscous drag, N·m."""
+    road_load_rate_nm_per_sqrt_s: Rate = 100.0
+    """How fast grade, wind and load change at the wheel, N·m/√s."""
+    held_load_rate_nm_per_sqrt_s: Rate = 3000.0
+    """The same while the car stands or brakes, N·m/√s."""
+    tyre_torque_rate_nm_per_sqrt_s: Rate = 1000.0
+    """How fast the torque between tyres and road changes, N·m/√s."""
+    engine_torque_error_nm: Annotated[float, Field(gt=0, le=1000)] = 3.0
+    """Error of the nominal engine torque, N·m."""
+    engine_torque_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 2.0
+    """For how long that error lasts, s."""
+    unmodelled_rad_s_per_sqrt_s: Annotated[float, Field(ge=0, le=1000)] = 0.3
+    """What engine and input shafts do beside the model, rad/s/√s."""
+    gate_sigma: Annotated[float, Field(ge=3, le=1000)] = 6.0
+    """A speed further from its prediction is not believed, in standard deviations."""
+    gate_patience: Annotated[int, Field(ge=0, le=1000)] = 20
+    """… until so many samples in a row are not."""
+
+    def build(self) -> KalmanDesign:
+        """Return the design as the estimator knows it."""
+        return KalmanDesign(**dict(self))
+
+
 class EstimatorSection(Section):
     """The internal grid, what is published how often, and when to start afresh."""
 
@@ -168,8 +211,12 @@ class EstimatorSection(Section):
     """A longer silence of all inputs resets the observer, ms."""
     max_step_back_ms: Annotated[float, Field(ge=0, le=60_000)] = 100.0
     """A larger step of time backwards resets the observer, ms; smaller ones are taken as late frames."""
+    method: Literal["oh2014", "kalman"] = "oh2014"
+    """Which estimator gives the published torques: oh2014 or kalman."""
     oh2014: Oh2014Section = Oh2014Section()
-    """Design of the observer."""
+    """Design of the 2014 observer."""
+    kalman: KalmanSection = KalmanSection()
+    """Design of the Kalman estimator."""
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
         for name in ("period_ms", "health_period_ms", "max_gap_ms"):

@@ -1,9 +1,16 @@
-"""Design numbers of the 2014 observer: bandwidths and times, from which its gains follow."""
+"""Design numbers of the estimators, from which their gains follow."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+
+
+class Method(IntEnum):
+    """Which estimator gives the published torques."""
+
+    OH2014 = 0
+    KALMAN = 1
 
 
 class RoadLoad(IntEnum):
@@ -37,3 +44,24 @@ class Oh2014Design:
     phase_gating: bool  # attenuate before the kissing point and use the single-clutch balance
     printed_rate_law: bool  # both innovations in the rate of T_o used by (36), as rows 1 and 2 of A are printed
     sub_observer: SubObserver
+
+
+@dataclass(frozen=True, slots=True)
+class KalmanDesign:
+    """What the Kalman estimator is told of sensors, torques and disturbances. Noises are white; σ throughout."""
+
+    engine_speed_noise_rad_s: float  # of one sample, its resolution included
+    shaft_speed_noise_rad_s: float
+    wheel_speed_noise_rad_s: float  # of one wheel
+    slipping_torque_rate_nm_per_s: float  # how fast the torque of a slipping clutch changes
+    locked_torque_rate_nm_per_s: float
+    torque_rate_time_s: float  # for how long it keeps that rate
+    open_torque_nm: float  # of an open clutch around its drag
+    road_load_rate_nm_per_sqrt_s: float
+    held_load_rate_nm_per_sqrt_s: float  # … while the car stands or brakes
+    tyre_torque_rate_nm_per_sqrt_s: float
+    engine_torque_error_nm: float
+    engine_torque_error_time_s: float  # for how long it lasts
+    unmodelled_rad_s_per_sqrt_s: float  # what engine and shafts do beside the model
+    gate_sigma: float  # a speed further from its prediction is not believed
+    gate_patience: int  # … until so many samples in a row are

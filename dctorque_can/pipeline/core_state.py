@@ -37,6 +37,7 @@ RULES = np.dtype(
         ("lock_time_us", "i8"),
         ("torque_limit", "f8", (2,)),
         ("output_limit", "f8"),
+        ("method", "i8"),  # Method
         ("sub_observer", "i8"),
         ("learns", "?"),  # the road load is learned
     ],

@@ -33,6 +33,10 @@ ESTIMATE = np.dtype(
         ("clutch2_torque_nm", "f8"),
         ("output_torque_nm", "f8"),  # (31), from the clutch torques, after efficiency
         ("output_torque_adaptive_nm", "f8"),  # T_n + τ_o dω_w/dt
+        ("clutch1_sigma_nm", "f8"),  # standard deviations of the three torques; 0: the 2014 observer knows none
+        ("clutch2_sigma_nm", "f8"),
+        ("output_sigma_nm", "f8"),
+        ("clutch_correlation", "f8"),  # of the errors of both clutch torques, −1 … 1
         ("clutch1_torque_uio_nm", "f8"),  # (65)
         ("clutch2_torque_uio_nm", "f8"),  # (66)
         ("clutch_torque_sum_nm", "f8"),  # T_c of (59), (60)

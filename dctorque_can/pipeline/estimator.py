@@ -9,8 +9,8 @@ from dctorque_can.driveline.gear_pair import singular_pairs
 from dctorque_can.driveline.parameters import Clutch, Vehicle
 from dctorque_can.driveline.phase_decision import closing_band
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators import oh2014, oh2014_model
-from dctorque_can.estimators.design import RoadLoad
+from dctorque_can.estimators import kalman, kalman_model, oh2014, oh2014_model
+from dctorque_can.estimators.design import Method, RoadLoad
 from dctorque_can.pipeline import core, core_state
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.rows import report
@@ -54,6 +54,11 @@ class Estimator:
         self._core["closed"] = True
         self._state = np.zeros(1, oh2014.STATE)
         self._pair = np.zeros(1, oh2014_model.PAIR)
+        self._filter = np.zeros(1, kalman.FILTER)
+        self._tuning = kalman.tuning(settings.vehicle, settings.kalman)
+        self._tables = kalman_model.tables(
+            settings.vehicle, settings.kalman, oh2014_model.MAX_GEAR + 2, needed=settings.method is Method.KALMAN
+        )
         self._health = np.zeros(1, HEALTH)
         oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
 
@@ -75,6 +80,9 @@ class Estimator:
             self._health,
             rows,
             health,
+            self._filter,
+            self._tables,
+            self._tuning,
         )
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 
@@ -137,6 +145,7 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     limits = [CAPACITY_MARGIN * _static_capacity(clutch) for clutch in settings.vehicle.clutches]
     r["torque_limit"] = limits
     r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
+    r["method"] = settings.method
     r["sub_observer"] = design.sub_observer
     r["learns"] = design.road_load is RoadLoad.LEARNED
     return rules

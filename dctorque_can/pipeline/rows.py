@@ -6,10 +6,11 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators import oh2014
-from dctorque_can.estimators.design import SubObserver
+from dctorque_can.estimators.design import Method, SubObserver
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
 from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.kalman_core import kalman_torques
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
 _OUTPUT_VALID = int(Status.OUTPUT_VALID)
@@ -65,9 +66,10 @@ def bounded(value: float, limit: float) -> float:
 
 
 @compiled_without_allocation
-def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, row: Any) -> None:
+def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) -> None:
     """Write one estimate."""
     row.t_us = core.t_us
+    limit_1, limit_2, limit_o = rules.torque_limit[0], rules.torque_limit[1], rules.output_limit
     adaptive = rules.sub_observer == SubObserver.ADAPTIVE
     T_1, T_2 = s.T_c1, s.T_c2
     if rules.sub_observer == SubObserver.UNKNOWN_INPUT:
@@ -78,8 +80,13 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, row: Any) -> None:
         T_o_adaptive = T_o  # (47) sees nothing at rest: brakes hold whatever the clutches do not
     if adaptive:
         T_1, T_2, T_o = 0.0, 0.0, T_o_adaptive
+    if rules.method == Method.KALMAN:
+        T_1, T_2, T_o = kalman_torques(f)
+        row.clutch1_sigma_nm = min(f.sigma_1, limit_1)
+        row.clutch2_sigma_nm = min(f.sigma_2, limit_2)
+        row.output_sigma_nm = min(f.sigma_o, limit_o)
+        row.clutch_correlation = bounded(f.correlation, 1.0)
     T_e = core.value[ENGINE_TORQUE] + s.w_e * s.tau_e  # (46)
-    limit_1, limit_2, limit_o = rules.torque_limit[0], rules.torque_limit[1], rules.output_limit
     limit_sum = limit_1 + limit_2
     row.clutch1_torque_nm = bounded(T_1, limit_1)
     row.clutch2_torque_nm = bounded(T_2, limit_2)

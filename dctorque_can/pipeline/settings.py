@@ -7,7 +7,7 @@ from enum import IntEnum
 
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import PhaseSettings
-from dctorque_can.estimators.design import Oh2014Design
+from dctorque_can.estimators.design import KalmanDesign, Method, Oh2014Design
 from dctorque_can.pipeline.samples import Input
 
 
@@ -37,7 +37,9 @@ class Settings:
     inputs: tuple[Input, ...]
     phases: PhaseSettings
     gear_inference: GearInference | None  # None: gears come from signals
+    method: Method
     observer: Oh2014Design
+    kalman: KalmanDesign
     driven_axle: DrivenAxle
     step_us: int  # internal grid
     estimate_period_us: int  # at most one estimate per this time

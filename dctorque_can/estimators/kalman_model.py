@@ -1,0 +1,226 @@
+"""The driveline as a linear stochastic model: what the Kalman estimator predicts with.
+
+With the clutch torques as states the compliant driveline of section 2.2 is linear for each pair of engaged gears. Here
+are its matrices and their exact discretisation on a ladder of steps, all made at configuration time:
+
+    J_e ω̇_e = T_en + ΔT_e − T_d          J_d ω̇_d = T_d − T_c1 − T_c2        T_d = k_d θ_d + b_d (ω_e − ω_d)
+    J_i ω̇_ci = T_ci − T_ti/(i_ti η)      T_ti = k_ti θ_ti + b_ti (ω_ci/i_ti − i_fi ω_o)          (12), (13), (15), (16)
+    J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_o     T_o = k_o θ_o + b_o (ω_o − ω_w)               (14), (17)
+    J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
+
+T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it); nothing is assumed of the
+tyre but that T_x changes at a bounded rate. Clutch torques have rates r_i that forget within ``torque_rate_time_s``.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from dctorque_can.driveline.parameters import Gear, Vehicle
+from dctorque_can.estimators.design import KalmanDesign
+
+Floats = NDArray[np.float64]
+
+
+class State(IntEnum):
+    """Place of each quantity in the state."""
+
+    W_E = 0  # engine speed
+    W_D = 1  # damper secondary side
+    W_C1 = 2  # input shafts
+    W_C2 = 3
+    W_O = 4  # output shaft
+    W_W = 5  # driven wheels
+    W_B = 6  # body, as speed of the undriven wheels
+    TH_D = 7  # twist of the damper
+    TH_T1 = 8  # … of the transfer shafts, behind the gear
+    TH_T2 = 9
+    TH_O = 10  # … of the output shaft
+    T_X = 11
+    T_C1 = 12
+    T_C2 = 13
+    R_1 = 14  # rates of the clutch torques
+    R_2 = 15
+    T_V = 16  # road load, brakes included
+    DT_E = 17  # error of the nominal engine torque
+
+
+N = len(State)
+W_E, W_D, W_C1, W_C2, W_O, W_W, W_B, TH_D, TH_T1, TH_T2, TH_O, T_X, T_C1, T_C2, R_1, R_2, T_V, DT_E = range(N)
+
+STEPS_US = (16_000, 8_000, 4_000, 2_000, 1_000, 500, 250)
+"""A time is bridged by as many of these as fit, the longest first."""
+
+_HALVINGS = 15  # of the shortest step: there |A| h is small even for an output shaft of 0.0002 kg·m²
+_SLACK_RATE = 50.0  # 1/s, at which the twist of a shaft in neutral is forgotten
+_LEAST_INERTIA = 1e-4  # kg·m²; a lighter output shaft has no dynamics that any sensor sees
+_NEUTRAL_ACCELERATION = 300.0  # rad/s/√s, of a shaft that a synchroniser may seize
+
+
+class Tables(NamedTuple):
+    """The discrete model of each pair of gears (0 neutral), loss direction and step.
+
+    Attributes:
+        row: int64 ``[gears, gears]`` by gear number + 1 on shaft 1 and 2: first row of the pair; −1: no such pair.
+            Row + 2·(shaft 1 drives) + (shaft 2 drives) is the model.
+        phi: F ``[rows, steps, N, N]``.
+        input: response to T_en ``[rows, steps, N]``.
+        noise: Q ``[rows, steps, N, N]`` of everything but the next three.
+        noise_1: … of the rate of T_c1, per unit variance of the rate.
+        noise_2: … of the rate of T_c2.
+        noise_v: … of T_v, per unit intensity.
+        output: T_o as a combination of the states ``[N]``.
+    """
+
+    row: NDArray[np.int64]
+    phi: Floats
+    input: Floats
+    noise: Floats
+    noise_1: Floats
+    noise_2: Floats
+    noise_v: Floats
+    output: Floats
+
+
+def continuous(
+    vehicle: Vehicle, design: KalmanDesign, gear1: int, gear2: int, drives: tuple[bool, bool]
+) -> tuple[Floats, Floats]:
+    """Return A ``[N, N]`` of dx/dt = A x + B T_en + noise, and the row ``[N]`` that gives T_o.
+
+    Args:
+        vehicle: parameters.
+        design: times in which rates and torque error forget.
+        gear1: on shaft 1, 0 for neutral.
+        gear2: on shaft 2.
+        drives: for each shaft, whether its transfer shaft drives the car (else it is driven): direction of the losses.
+    """
+    A = np.zeros((N, N))
+    damper, output, chassis = vehicle.damper, vehicle.output_shaft, vehicle.chassis
+    T_d = np.zeros(N)
+    T_d[[TH_D, W_E, W_D]] = damper.stiffness_nm_per_rad, damper.damping_nms_per_rad, -damper.damping_nms_per_rad
+    A[W_E] = -T_d / vehicle.engine_inertia_kgm2
+    A[W_E, DT_E] = 1.0 / vehicle.engine_inertia_kgm2
+    A[W_D] = T_d / damper.inertia_kgm2
+    A[W_D, [T_C1, T_C2]] = -1.0 / damper.inertia_kgm2
+    A[TH_D, [W_E, W_D]] = 1.0, -1.0
+    J_o = max(output.inertia_kgm2, _LEAST_INERTIA)
+    for i, number in enumerate((gear1, gear2)):
+        shaft = vehicle.shafts[i]
+        J = shaft.inertia_kgm2 + sum(gear.inertia_kgm2 for gear in vehicle.gears_on(i + 1))
+        A[W_C1 + i, T_C1 + i] = 1.0 / J
+        if number == 0:
+            A[TH_T1 + i, TH_T1 + i] = -_SLACK_RATE
+            continue
+        gear = vehicle.gear(number)
+        arm_in, arm_out = _arms(vehicle, gear, drives[i])
+        T_t = np.zeros(N)
+        T_t[TH_T1 + i] = shaft.transfer_stiffness_nm_per_rad
+        T_t[W_C1 + i] = shaft.transfer_damping_nms_per_rad / gear.ratio
+        T_t[W_O] = -shaft.transfer_damping_nms_per_rad * gear.final_drive
+        A[W_C1 + i] -= arm_in * T_t / J  # (12), (13)
+        A[W_O] += arm_out * T_t / J_o  # (14)
+        A[TH_T1 + i, [W_C1 + i, W_O]] = 1.0 / gear.ratio, -gear.final_drive
+    T_o = np.zeros(N)
+    T_o[[TH_O, W_O, W_W]] = output.stiffness_nm_per_rad, output.damping_nms_per_rad, -output.damping_nms_per_rad
+    A[W_O] -= T_o / J_o
+    A[TH_O, [W_O, W_W]] = 1.0, -1.0
+    J_w = 0.5 * chassis.wheel_inertia_kgm2  # two of four wheels are driven
+    J_b = chassis.inertia_kgm2 - J_w
+    A[W_W] = T_o / J_w
+    A[W_W, T_X] = -1.0 / J_w
+    A[W_B, [T_X, T_V]] = 1.0 / J_b, -1.0 / J_b
+    for i in range(2):
+        A[T_C1 + i, R_1 + i] = 1.0
+        A[R_1 + i, R_1 + i] = -1.0 / design.torque_rate_time_s
+    A[DT_E, DT_E] = -1.0 / design.engine_torque_error_time_s
+    return A, T_o
+
+
+def _arms(vehicle: Vehicle, gear: Gear, drives: bool) -> tuple[float, float]:
+    """Return the lever arms of a transfer shaft's torque on its input shaft and on the output shaft."""
+    if drives:
+        return 1.0 / (gear.ratio * vehicle.gear_efficiency), gear.final_drive * vehicle.final_drive_efficiency
+    return vehicle.gear_efficiency / gear.ratio, gear.final_drive / vehicle.final_drive_efficiency
+
+
+def intensities(design: KalmanDesign, gear1: int, gear2: int) -> Floats:
+    """Return the intensities ``[N]`` of the white noise that always acts."""
+    q = np.zeros(N)
+    q[[W_E, W_D]] = design.unmodelled_rad_s_per_sqrt_s**2
+    for i, gear in enumerate((gear1, gear2)):
+        q[W_C1 + i] = (design.unmodelled_rad_s_per_sqrt_s if gear else _NEUTRAL_ACCELERATION) ** 2
+    q[T_X] = design.tyre_torque_rate_nm_per_sqrt_s**2
+    q[DT_E] = 2.0 * design.engine_torque_error_nm**2 / design.engine_torque_error_time_s
+    return q
+
+
+def discrete(A: Floats, B: Floats, intensity: list[Floats]) -> list[tuple[Floats, Floats, list[Floats]]]:
+    """Return (F, response to a constant input, covariance of each noise) for each of `STEPS_US`.
+
+    Van Loan (1978) at a step so short that exp(−A h) is harmless, then by doubling: F(2h) = F², Q(2h) = F Q Fᵀ + Q.
+
+    Args:
+        A: ``[N, N]``.
+        B: ``[N]``.
+        intensity: diagonals ``[N]`` of the white noises.
+    """
+    h = STEPS_US[-1] * 1e-6 / 2**_HALVINGS
+    n = len(A)
+    both = np.zeros((n + 1, n + 1))
+    both[:n, :n], both[:n, n] = A, B
+    step = expm(both * h)
+    F, b = step[:n, :n], step[:n, n]
+    Q = []
+    for q in intensity:
+        block = np.block([[-A, np.diag(q)], [np.zeros((n, n)), A.T]])
+        Q.append(F @ expm(block * h)[:n, n:])
+    result = []
+    for k in range(_HALVINGS + len(STEPS_US)):
+        if k >= _HALVINGS:
+            result.append((F, b, [0.5 * (q + q.T) for q in Q]))
+        b = F @ b + b
+        Q = [F @ q @ F.T + q for q in Q]
+        F = F @ F
+    return result[::-1]
+
+
+def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool = True) -> Tables:
+    """Return the discrete model of every pair of gears; takes half a second.
+
+    Args:
+        vehicle: parameters.
+        design: noise and times.
+        table_size: number of gear numbers + 1 that ``row`` must hold.
+        needed: without, the tables are empty.
+    """
+    pairs = list(product(*([0, *(gear.number for gear in vehicle.gears_on(i))] for i in (1, 2))))
+    if not needed:
+        pairs = []
+    rows, steps = 4 * len(pairs), len(STEPS_US)
+    row = np.full((table_size, table_size), -1, np.int64)
+    matrices = [np.zeros((rows, steps, N, N)) for _ in range(5)]
+    response = np.zeros((rows, steps, N))
+    B = np.zeros(N)
+    B[W_E] = 1.0 / vehicle.engine_inertia_kgm2
+    rate_1, rate_2, load = np.zeros(N), np.zeros(N), np.zeros(N)
+    rate_1[R_1] = rate_2[R_2] = 2.0 / design.torque_rate_time_s
+    load[T_V] = 1.0
+    T_o = np.zeros(N)
+    for first, (gear1, gear2) in zip(range(0, rows, 4), pairs, strict=True):
+        row[gear1 + 1, gear2 + 1] = first
+        noises = [intensities(design, gear1, gear2), rate_1, rate_2, load]
+        for drives in product((False, True), repeat=2):
+            k = first + 2 * drives[0] + drives[1]
+            A, T_o = continuous(vehicle, design, gear1, gear2, (drives[0], drives[1]))
+            for step, (F, b, Q) in enumerate(discrete(A, B, noises)):
+                response[k, step] = b
+                for matrix, value in zip(matrices, (F, *Q), strict=True):
+                    matrix[k, step] = value
+    phi, noise, noise_1, noise_2, noise_v = matrices
+    return Tables(row, phi, response, noise, noise_1, noise_2, noise_v, T_o)

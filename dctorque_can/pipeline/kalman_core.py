@@ -1,0 +1,91 @@
+"""What a frame does to the Kalman estimator: time, gears, phases and speeds in this order."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators import kalman, oh2014
+from dctorque_can.estimators.kalman_model import T_C1, T_C2, W_B, W_C1, W_E, W_W, N, Tables
+from dctorque_can.pipeline.decisions import (
+    ENGINE_SPEED,
+    ENGINE_TORQUE,
+    SPEED_1,
+    WHEEL,
+    axle_speed,
+    braking,
+    usable,
+)
+from dctorque_can.pipeline.settings import DrivenAxle
+
+_ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN = 0, 1, 3, 4  # sensors of the gate
+_REAR_WHEEL = WHEEL + 2
+_OPEN = int(ClutchPhase.OPEN)
+
+
+@compiled_without_allocation
+def start_kalman(core: Any, f: Any, tuning: Any, w_w: float) -> None:
+    """Start at the present measurements."""
+    f.t_us = core.t_us
+    f.gear[0], f.gear[1] = core.gear[0], core.gear[1]
+    w_1, w_2 = core.value[SPEED_1], core.value[SPEED_1 + 1]
+    kalman.start(f, tuning, core.value[ENGINE_SPEED], w_1, w_2, w_w, core.value[ENGINE_TORQUE])
+
+
+@compiled_without_allocation
+def act_kalman(core: Any, rules: Any, f: Any, tables: Tables, tuning: Any) -> None:
+    """Let one whole frame take effect at the time of the grid."""
+    phase_1, phase_2 = phase_of(core, 0), phase_of(core, 1)
+    held = braking(core) or abs(f.x[W_B]) < oh2014.STANDSTILL
+    load_rate = tuning.held_load if held else tuning.road_load
+    kalman.predict(
+        f, tables, tuning, phase_1, phase_2, load_rate * load_rate, core.value[ENGINE_TORQUE], core.t_us
+    )
+    kalman.change_gears(f, core.gear[0], core.gear[1])
+    kalman.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
+    if core.fresh[ENGINE_SPEED]:
+        kalman.measure_gated(f, tuning, _ENGINE, W_E, core.value[ENGINE_SPEED], tuning.engine_variance)
+    for i in range(2):
+        if core.fresh[SPEED_1 + i]:
+            kalman.measure_gated(f, tuning, _SHAFT + i, W_C1 + i, core.value[SPEED_1 + i], tuning.shaft_variance)
+    front = W_B if rules.driven_axle == DrivenAxle.REAR else W_W
+    rear = W_B if rules.driven_axle == DrivenAxle.FRONT else W_W
+    measure_axle(core, f, tuning, WHEEL, front)
+    measure_axle(core, f, tuning, _REAR_WHEEL, rear)
+    kalman.conclude(f, tables)
+
+
+@compiled_without_allocation
+def phase_of(core: Any, i: int) -> int:
+    """Return the phase of a clutch; in neutral it carries nothing."""
+    return int(core.phase[i]) if core.gear[i] != 0 else _OPEN
+
+
+@compiled_without_allocation
+def measure_axle(core: Any, f: Any, tuning: Any, left: int, state: int) -> None:
+    """Take the mean of an axle's wheels when one of them is new."""
+    if not (core.fresh[left] or core.fresh[left + 1]):
+        return
+    known, speed = axle_speed(core, left)
+    if known:
+        wheels = 2.0 if usable(core, left) and usable(core, left + 1) else 1.0
+        sensor = _DRIVEN if state == W_W else _UNDRIVEN
+        kalman.measure_gated(f, tuning, sensor, state, speed, tuning.wheel_variance / wheels)
+
+
+@compiled_without_allocation
+def kalman_finite(f: Any) -> bool:
+    """Return whether every state and variance is a number, and no variance is negative."""
+    total, smallest = 0.0, 0.0
+    for i in range(N):
+        total += f.x[i] + f.P[i, i]
+        smallest = min(smallest, f.P[i, i])
+    return math.isfinite(total) and smallest >= 0.0
+
+
+@compiled_without_allocation
+def kalman_torques(f: Any) -> tuple[float, float, float]:
+    """Return both clutch torques and the output torque, N·m."""
+    return float(f.x[T_C1]), float(f.x[T_C2]), float(f.T_o)
