@@ -1,0 +1,164 @@
+"""How good the estimates of one estimator are over several drives: errors, lag, and what its σ are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.analysis.consistency import Bands, Nees, bands, nees
+from dctorque_can.analysis.errors import TORQUES
+from dctorque_can.analysis.lag import Stretch, lag_s
+from dctorque_can.analysis.shifts import find_shifts
+from dctorque_can.errors import DctorqueError
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+PADDING_US = 100_000
+"""By how much a window is longer than its shift, before and after, µs."""
+
+_SIGMAS: Mapping[str, str] = {
+    "clutch1_nm": "clutch1_sigma_nm",
+    "clutch2_nm": "clutch2_sigma_nm",
+    "output_nm": "output_sigma_nm",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueFigures:
+    """Errors of one torque, estimate minus truth; every estimate counts the same.
+
+    Attributes:
+        rms_nm: root mean square.
+        bias_nm: mean.
+        peak_nm: largest magnitude.
+        lag_ms: as `lag.lag_s` defines it; None when there is none to be told.
+        bands: of the stated standard deviations; None when the estimator states none.
+    """
+
+    rms_nm: float
+    bias_nm: float
+    peak_nm: float
+    lag_ms: float | None
+    bands: Bands | None
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """All figures over one choice of estimates.
+
+    Attributes:
+        samples: how many estimates these are.
+        torques: by the short names of `errors.TORQUES`.
+        clutches: of the stated covariance of both clutch torques; None when the estimator states none.
+    """
+
+    samples: int
+    torques: dict[str, TorqueFigures]
+    clutches: Nees | None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One estimator against the truth.
+
+    Attributes:
+        everything: over all estimates, also those before convergence.
+        shifts: over those within the windows of the shifts; None when there are no shifts.
+    """
+
+    everything: Figures
+    shifts: Figures | None
+
+
+def shift_windows(truth: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return first and last time of each shift of a drive ``[shift, 2]``, µs, both 100 ms outside of it."""
+    times = [(truth["t_us"][s.start] - PADDING_US, truth["t_us"][s.end] + PADDING_US) for s in find_shifts(truth)]
+    return np.array(times, np.int64).reshape(-1, 2)
+
+
+def judge(drives: Sequence[tuple[NDArray[np.void], NDArray[np.void]]]) -> Comparison:
+    """Compare the estimates of one estimator with the truth, all drives together.
+
+    Args:
+        drives: of each drive `ESTIMATE` ``[n]``, and the truth ``[m]`` with ``t_us`` on the same time scale
+            (ascending), the torques of `TORQUES`, phases and gears. The truth is interpolated linearly;
+            estimates outside its time are left out.
+
+    Raises:
+        DctorqueError: a drive has no estimate within the time of its truth.
+    """
+    known = [_Drive(estimates, truth) for estimates, truth in drives]
+    everything = _figures(known, [np.ones(len(d.t_us), np.bool_) for d in known], [[d.all_time] for d in known])
+    inside = [_within(d.t_us, d.windows) for d in known]
+    found = any(rows.any() for rows in inside)
+    shifts = _figures(known, inside, [list(d.windows) for d in known]) if found else None
+    return Comparison(everything, shifts)
+
+
+class _Drive:
+    """One drive with the truth at the times of its estimates."""
+
+    def __init__(self, estimates: NDArray[np.void], truth: NDArray[np.void]) -> None:
+        t_us = estimates["t_us"]
+        inside = (
+            (t_us >= truth["t_us"][0]) & (t_us <= truth["t_us"][-1]) if len(truth) else np.zeros(len(t_us), bool)
+        )
+        if not inside.any():
+            raise DctorqueError("there is nothing to compare: no estimate lies within the time of the truth")
+        rows = estimates[inside]
+        start = truth["t_us"][0]  # relative times keep µs exact in float64
+        self.t_us: NDArray[np.int64] = rows["t_us"]
+        self.t_s: Floats = (rows["t_us"] - start) / 1e6
+        self.truth_t_us: NDArray[np.int64] = truth["t_us"]
+        self.truth_t_s: Floats = (truth["t_us"] - start) / 1e6
+        self.truth: dict[str, Floats] = {name: truth[field] for name, field in TORQUES.items()}
+        self.estimate: dict[str, Floats] = {name: rows[field] for name, field in TORQUES.items()}
+        self.sigma: dict[str, Floats] = {name: rows[field] for name, field in _SIGMAS.items()}
+        self.correlation: Floats = rows["clutch_correlation"]
+        self.error: dict[str, Floats] = {
+            name: self.estimate[name] - np.interp(self.t_s, self.truth_t_s, self.truth[name]) for name in TORQUES
+        }
+        self.windows = shift_windows(truth)
+        self.all_time = np.array([truth["t_us"][0], truth["t_us"][-1]], np.int64)
+
+    def stretch(self, name: str, window: NDArray[np.int64]) -> Stretch:
+        """Return estimates of one torque within a window of time, and all of its truth."""
+        rows = _within(self.t_us, window[np.newaxis])
+        return Stretch(self.t_s[rows], self.estimate[name][rows], self.truth_t_s, self.truth[name])
+
+
+def _within(t_us: NDArray[np.int64], windows: NDArray[np.int64]) -> Flags:
+    rows = np.zeros(len(t_us), np.bool_)
+    for begin, end in windows:
+        rows |= (t_us >= begin) & (t_us <= end)
+    return rows
+
+
+def _figures(
+    drives: Sequence[_Drive], chosen: Sequence[Flags], windows: Sequence[Sequence[NDArray[np.int64]]]
+) -> Figures:
+    """Return the figures over the ``chosen`` rows of each drive, which are those within its ``windows``."""
+    torques = {}
+    for name in TORQUES:
+        error = np.concatenate([d.error[name][rows] for d, rows in zip(drives, chosen, strict=True)])
+        sigma = np.concatenate([d.sigma[name][rows] for d, rows in zip(drives, chosen, strict=True)])
+        lag = lag_s([d.stretch(name, w) for d, spans in zip(drives, windows, strict=True) for w in spans])
+        torques[name] = TorqueFigures(
+            rms_nm=float(np.sqrt(np.mean(error**2))),
+            bias_nm=float(np.mean(error)),
+            peak_nm=float(np.max(np.abs(error))),
+            lag_ms=None if lag is None else 1000 * lag,
+            bands=bands(error, sigma),
+        )
+    clutches = nees(
+        [(_pair(d.error), _pair(d.sigma), d.correlation, r) for d, r in zip(drives, chosen, strict=True)]
+    )
+    return Figures(sum(int(rows.sum()) for rows in chosen), torques, clutches)
+
+
+def _pair(columns: Mapping[str, Floats]) -> Floats:
+    return np.stack([columns["clutch1_nm"], columns["clutch2_nm"]], axis=1)
