@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-STDOUT = Console(highlight=False)
-STDERR = Console(stderr=True, highlight=False, soft_wrap=True)
+# A place such as car.yaml:100: is no emoji.
+STDOUT = Console(highlight=False, emoji=False)
+STDERR = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def say(text: str) -> None:
