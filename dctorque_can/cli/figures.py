@@ -10,7 +10,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from dctorque_can.analysis.errors import ErrorFigures
 
-_NAMES = {"clutch1_nm": "clutch 1", "clutch2_nm": "clutch 2", "output_nm": "output shaft"}
+TORQUE_NAMES = {"clutch1_nm": "clutch 1", "clutch2_nm": "clutch 2", "output_nm": "output shaft"}
 
 
 def errors_table(errors: Mapping[str, ErrorFigures], title: str) -> Table:
@@ -21,5 +21,5 @@ def errors_table(errors: Mapping[str, ErrorFigures], title: str) -> Table:
         table.add_column(name, justify="right")
     for name, figures in errors.items():
         row = (f"{figures.rms:.2f}", f"{figures.bias:+.2f}", f"{figures.peak:.1f}")
-        table.add_row(_NAMES.get(name, name), *row)
+        table.add_row(TORQUE_NAMES.get(name, name), *row)
     return table

@@ -13,6 +13,7 @@ import typer
 
 from dctorque_can import __version__
 from dctorque_can.cli.check import check
+from dctorque_can.cli.compare import compare
 from dctorque_can.cli.console import fail
 from dctorque_can.cli.demo import demo
 from dctorque_can.cli.design import design
@@ -37,7 +38,7 @@ app = typer.Typer(
 )
 
 
-for subcommand in (run, replay, simulate, demo, study, check, design, recover):
+for subcommand in (run, replay, simulate, demo, compare, study, check, design, recover):
     app.command()(subcommand)
 
 

@@ -1,0 +1,132 @@
+"""``dctorque compare`` from end to end, on the first seconds of the paper's drive."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dctorque_can.analysis.errors import TORQUES
+
+SHORT = ("--duration", 8)  # its first shift is within
+
+
+def assert_one_line(outcome, *texts: str, code: int = 1) -> None:
+    """Demand one error line; above it may only stand what was going on."""
+    assert outcome.code == code, outcome.err
+    assert outcome.out == ""
+    assert "Traceback" not in outcome.err
+    lines = [line for line in outcome.err.splitlines() if "error:" in line]
+    assert len(lines) == 1, outcome.err
+    for text in texts:
+        assert text in lines[0]
+
+
+def assert_wrong_usage(outcome, *texts: str) -> None:
+    assert outcome.code == 2, outcome.err
+    flat = " ".join(outcome.err.replace("│", " ").split())
+    for text in texts:
+        assert text in flat
+
+
+@pytest.fixture
+def log(dctorque, tmp_path: Path) -> Path:
+    path = tmp_path / "drive.mcap"
+    assert dctorque("simulate", "-o", path, *SHORT).code == 0
+    return path
+
+
+def test_a_simulated_drive_and_its_log_give_the_same(dctorque, log: Path) -> None:
+    outcome = dctorque("compare", *SHORT, "--json", "-o", "compare.png")
+    assert outcome.code == 0, outcome.err
+    result = json.loads(outcome.out)
+    assert result["name"] == "paper car"
+    assert result["drives"] == ["paper drive, production signals, seed 1"]
+    assert result["shift_count"] == 1
+    assert Path(result["plot"]).read_bytes().startswith(b"\x89PNG")
+    assert list(result["variants"]) == ["oh2014", "kalman"]
+    for name, variant in result["variants"].items():
+        assert variant["all"]["samples"] > variant["shifts"]["samples"] > 100
+        for part in ("all", "shifts"):
+            for torque in TORQUES:
+                figures = variant[part][torque]
+                assert abs(figures["bias_nm"]) <= figures["rms_nm"] <= figures["peak_nm"]
+                assert (figures["bands"] is None) == (name == "oh2014")
+            assert (variant[part]["clutches"] is None) == (name == "oh2014")
+    bands = result["variants"]["kalman"]["all"]["clutch1_nm"]["bands"]
+    assert list(bands["coverage"]) == ["50%", "90%", "95%"]
+    nees = result["variants"]["kalman"]["all"]["clutches"]
+    assert nees["nees_low"] < 2 < nees["nees_high"]
+    assert 1 <= nees["independent_samples"] < nees["samples"]
+
+    recorded = dctorque("compare", log, "--json")
+    assert recorded.code == 0, recorded.err
+    again = json.loads(recorded.out)
+    assert again["drives"] == [str(log)]
+    assert again["variants"] == result["variants"]
+
+
+def test_the_tables(dctorque) -> None:
+    outcome = dctorque("compare", "--duration", 3, "--variant", "as:100:told=vehicle.mass_kg=2000")
+    assert_wrong_usage(outcome, "the name must be")
+    outcome = dctorque("compare", "--duration", 3, "--profile", "laboratory")
+    assert outcome.code == 0, outcome.err
+    for text in ("laboratory signals, seed 1, 0 shifts", "clutch 1", "oh2014", "kalman", "RMS", "NEES", "score"):
+        assert text in outcome.out
+    assert max(map(len, outcome.out.splitlines())) <= 100
+
+
+def test_more_variants_and_seeds(dctorque) -> None:
+    same = "same=estimator.method=kalman,estimator.kalman.gate_patience=20"
+    run = ("compare", "--duration", 3, "--json", "--variant", same, "--seeds", 2, "--seed", 5)
+    outcome = dctorque(*run)
+    assert outcome.code == 0, outcome.err
+    result = json.loads(outcome.out)
+    assert [name[-6:] for name in result["drives"]] == ["seed 5", "seed 6"]
+    assert list(result["variants"]) == ["oh2014", "kalman", "same"]
+    variants = result["variants"]
+    assert variants["same"]["set"] == {"estimator.method": "kalman", "estimator.kalman.gate_patience": "20"}
+    assert variants["same"]["all"] == variants["kalman"]["all"]
+    assert variants["same"]["shifts"] is None
+    assert variants["kalman"]["all"] != variants["oh2014"]["all"]
+
+
+def test_logs_without_truth(dctorque, log: Path, tmp_path: Path) -> None:
+    assert dctorque("replay", log, "--frames", "-o", "plain.mcap").code == 0
+    assert_one_line(dctorque("compare", "plain.mcap"), "plain.mcap: has no topic /dctorque/truth", "simulate")
+    assert dctorque("simulate", "-o", "drive.blf", "--duration", 2).code == 0
+    beside = dctorque("compare", "drive.blf", "--config", "paper_car")
+    assert beside.code == 0, beside.err
+    assert_one_line(dctorque("compare", "drive.blf"), "drive.blf: carries no configuration", "--config")
+    (tmp_path / "drive.truth.mcap").unlink()
+    outcome = dctorque("compare", "drive.blf", "--config", "paper_car")
+    assert_one_line(outcome, "drive.blf: has no truth", "drive.truth.mcap")
+
+
+def test_bad_input_is_one_clear_line(dctorque) -> None:
+    assert_one_line(dctorque("compare", "none:100:.mcap"), "none:100:.mcap: there is no such file")
+    assert_one_line(dctorque("compare", "--config", "none.yaml"), "none.yaml", "cannot be read")
+    outcome = dctorque("compare", "--variant", "x=estimator.method=kalmann")
+    assert_one_line(outcome, "variant x: --set: estimator.method = kalmann", "oh2014", "kalman")
+    outcome = dctorque("compare", "--variant", "x=estimator.kalman.gate_sigmas=4")
+    assert_one_line(outcome, "variant x: --set: estimator.kalman.gate_sigmas", "gate_sigma")
+    assert_one_line(dctorque("compare", "--variant", "kalman=name=x"), "variant kalman: this name is taken")
+
+
+def test_wrong_usage(dctorque, log: Path) -> None:
+    assert_wrong_usage(dctorque("compare", log, "--seeds", 3), "--seeds is for simulated drives")
+    assert_wrong_usage(dctorque("compare", "-o", "x.bmp"), "known are .png")
+    assert_wrong_usage(dctorque("compare", "--variant", "x"), "KEY=VALUE")
+    assert_wrong_usage(dctorque("compare", "--variant", "=a=b"), "the name must be")
+    twice = ("--variant", "x=name=a", "--variant", "x=name=b")
+    assert_wrong_usage(dctorque("compare", *twice), "there are two variants x")
+
+
+def test_a_damaged_log_is_used_as_far_as_it_can_be_read(dctorque, log: Path) -> None:
+    data = bytearray(log.read_bytes())
+    place = len(data) // 10
+    data[place : place + 64] = bytes(64)
+    log.write_bytes(data)
+    outcome = dctorque("compare", log, "--json")
+    assert outcome.code == 3, outcome.err
+    assert "warning: drive.mcap: " in outcome.err.replace(f"{log.parent}/", "")
+    assert json.loads(outcome.out)["variants"]["kalman"]["all"]["samples"] > 100
