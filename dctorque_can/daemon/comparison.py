@@ -89,7 +89,7 @@ def recorded_drive(log: LogReader) -> SimulatedDrive:
     truth = truth_of(log.path)
     frames = list(log.frames())
     if not frames:
-        raise DctorqueError(f"{log.path}: the log holds no frames")
+        raise DctorqueError("; ".join([f"{log.path}: the log holds no frames", *log.problems]))
     return SimulatedDrive(Frames.concatenate(frames), truth, str(log.path))
 
 
