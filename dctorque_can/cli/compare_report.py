@@ -81,7 +81,8 @@ def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:
     """Yield the errors, then, where a variant states them, the tables of standard deviations; all with titles."""
     drives = report["drives"]
     what = drives[0] if len(drives) == 1 else f"{len(drives)} drives, {drives[0]} … {drives[-1]}"
-    title = f"{report['name']}: {what}, {report['shift_count']} shifts"
+    shifts = report["shift_count"]
+    title = f"{report['name']}: {what}, {shifts} shift{'' if shifts == 1 else 's'}"
     yield title, _by_torque(("RMS", "bias", "peak", "lag"), ("N·m", "N·m", "N·m", "ms"), report, _error_cells)
     if any(variant["all"]["clutches"] for variant in report["variants"].values()):
         title = "Errors within the stated bands (nominal: the heading), and mean negative log density"

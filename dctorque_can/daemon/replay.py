@@ -110,7 +110,7 @@ def truth_of(log: Path) -> NDArray[np.void]:
     Raises:
         DctorqueError: there is none.
     """
-    needed = "the truth is in logs of `dctorque simulate`"
+    needed = "comparing needs a log of `dctorque simulate`"
     plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
     if plain.suffix.lower() == ".asc":
         raise DctorqueError(
