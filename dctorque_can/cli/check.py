@@ -175,7 +175,7 @@ def _missing_row(name: str, config: Config) -> dict[str, Any]:
 
 def _show(config: Config, rows: list[dict[str, Any]]) -> None:
     width = STDOUT.width if STDOUT.is_terminal else max(STDOUT.width, PAGE_WIDTH)
-    console = Console(width=width, highlight=False)
+    console = Console(width=width, highlight=False, emoji=False)
     columns = {name: kind for name, (kind, needed) in COLUMNS.items() if width >= needed}
     table = Table(title=f"{config.name}: inputs", title_justify="left", box=box.SIMPLE_HEAD)
     for heading, (justify, fixed) in columns.items():

@@ -18,7 +18,7 @@ OUTPUT_ERROR = 100.0  # N·m at the wheels
 
 def show(report: dict[str, Any]) -> None:
     """Print a report of `design_report.Design` on stdout."""
-    console = Console(width=WIDTH, highlight=False)
+    console = Console(width=WIDTH, highlight=False, emoji=False)
     for part in (_gains, _eigenvalues, _unobservable, _checks, _limits, _noise_and_lag, _sweep):
         console.print(part(report))
 

@@ -15,9 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.compiled import compiled
+from dctorque_can.driveline.phases import ClutchPhase
+
 Floats = NDArray[np.float64]
 
 FORWARD, STUCK, BACKWARD, FREE = 1, 0, -1, 2  # modes of a contact; FREE: no capacity
+
+_OPEN_PHASE, _SLIPPING_PHASE, _LOCKED_PHASE = (int(phase) for phase in ClutchPhase)
 
 
 class Mechanism(NamedTuple):
@@ -118,3 +123,20 @@ def new_scratch(n: int, s: int, m: int) -> Scratch:
         np.zeros((2, s)),
         np.zeros((2, m)),
     )
+
+
+@compiled
+def spring_torque(mechanism: Mechanism, motion: Motion, spring: int) -> float:
+    """Return k δ + b dδ/dt of one spring now."""
+    rate = 0.0
+    for i in range(motion.speed.size):
+        rate += mechanism.spring_speed[spring, i] * motion.speed[i]
+    return float(mechanism.stiffness[spring] * motion.twist[spring] + mechanism.damping[spring] * rate)
+
+
+@compiled
+def phase_of(mode: int) -> int:
+    """Return the `ClutchPhase` of a contact's mode."""
+    if mode == FREE:
+        return _OPEN_PHASE
+    return _LOCKED_PHASE if mode == STUCK else _SLIPPING_PHASE

@@ -2,8 +2,9 @@
 
 Both are the mechanism of engine, damper, two input shafts, output shaft and car, with two clutches. In the
 *conventional* one (1)–(11) an engaged gear is rigid, so both input shafts and the output shaft turn as one body;
-in the *compliant* one (12)–(17) a transfer shaft stands in between. Nothing is fed back: engine torque, actuator
-positions, gears, brake and grade go in, speeds and torques come out.
+in the *compliant* one (12)–(17) a transfer shaft stands in between. Nothing is fed back: nominal engine torque,
+actuator positions, gear commands, brake and grade go in, speeds and torques come out. One thing more is taken from
+the car: when a gear is in.
 
 Neither has the reference plant's tyre, and all losses of gears and final drive sit in one factor at the output
 shaft. Both share one physical output shaft: k_o of (17), which is k_o/i_f² where (10) has it, before the final
@@ -24,6 +25,7 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.simulation.mechanism import (
     FREE,
     STUCK,
+    Floats,
     Loads,
     Mechanism,
     Motion,
@@ -31,6 +33,8 @@ from dctorque_can.simulation.mechanism import (
     new_loads,
     new_motion,
     new_scratch,
+    phase_of,
+    spring_torque,
 )
 from dctorque_can.simulation.plant import capacity
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, Parameters, Powertrain, parameters
@@ -86,8 +90,8 @@ def run_open_loop(
     Args:
         vehicle: parameters of both models.
         model: which one.
-        truth: `TRUTH` ``[n]``, 1 ms apart. Read of every row: nominal engine torque, actuator positions, gears,
-            brake, grade. Read of the first rows only: speeds and torques, for the initial state.
+        truth: `TRUTH` ``[n]``, 1 ms apart. Read of every row: nominal engine torque, actuator positions, gears and
+            gear commands, brake, grade. Read of the first rows only: speeds and torques, for the initial state.
         powertrain: gives the actuators' capacity and the synchronisers.
         payload_kg: on top of the vehicle's mass.
 
@@ -99,7 +103,6 @@ def run_open_loop(
     motion = _initial(p, mechanism, model, truth)
     rows = np.zeros(len(truth), MODELLED)
     rows["t_us"] = truth["t_us"]
-    wanted = np.stack([_gear_wanted(truth["gear1"]), _gear_wanted(truth["gear2"])], axis=1)
     _run(
         p,
         model == DrivelineModel.COMPLIANT,
@@ -108,17 +111,9 @@ def run_open_loop(
         new_loads(6, 5),
         new_scratch(6, 7, 5),
         truth,
-        wanted,
         rows,
     )
     return rows
-
-
-def _gear_wanted(gears: NDArray[np.int8]) -> NDArray[np.int64]:
-    """Return the gear that is in, or while none is in, the one that comes next; 0 if none comes."""
-    index = np.where(gears != 0, np.arange(len(gears)), len(gears))
-    following = np.minimum.accumulate(index[::-1])[::-1]
-    return np.append(gears, 0)[following].astype(np.int64)
 
 
 def _mechanism(p: Parameters, model: DrivelineModel) -> Mechanism:
@@ -214,21 +209,6 @@ def _rate(truth: NDArray[np.void], name: str) -> float:
 
 
 @compiled
-def _spring_torque(mechanism: Mechanism, motion: Motion, spring: int) -> float:
-    rate = 0.0
-    for i in range(mechanism.mass.size):
-        rate += mechanism.spring_speed[spring, i] * motion.speed[i]
-    return float(mechanism.stiffness[spring] * motion.twist[spring] + mechanism.damping[spring] * rate)
-
-
-@compiled
-def _phase(mode: int) -> int:
-    if mode == FREE:
-        return 0
-    return 2 if mode == STUCK else 1
-
-
-@compiled
 def _record(
     compliant: bool, p: Parameters, mechanism: Mechanism, motion: Motion, gears: NDArray[np.int64], row: Any
 ) -> None:
@@ -239,17 +219,17 @@ def _record(
     row.shaft2_speed_rad_s = w[SHAFT2]
     row.output_speed_rad_s = w[OUTPUT]
     row.wheel_speed_rad_s = w[CAR]
-    row.clutch1_torque_nm = motion.torque[CLUTCH1] + _spring_torque(mechanism, motion, DRAG1)
-    row.clutch2_torque_nm = motion.torque[CLUTCH2] + _spring_torque(mechanism, motion, DRAG2)
+    row.clutch1_torque_nm = motion.torque[CLUTCH1] + spring_torque(mechanism, motion, DRAG1)
+    row.clutch2_torque_nm = motion.torque[CLUTCH2] + spring_torque(mechanism, motion, DRAG2)
     if compliant:
-        row.transfer1_torque_nm = _spring_torque(mechanism, motion, TWIST_TRANSFER1)
-        row.transfer2_torque_nm = _spring_torque(mechanism, motion, TWIST_TRANSFER2)
+        row.transfer1_torque_nm = spring_torque(mechanism, motion, TWIST_TRANSFER1)
+        row.transfer2_torque_nm = spring_torque(mechanism, motion, TWIST_TRANSFER2)
     else:
         row.transfer1_torque_nm = p.ratio[gears[0]] * motion.torque[MESH1]
         row.transfer2_torque_nm = p.ratio[gears[1]] * motion.torque[MESH2]
-    row.output_torque_nm = _spring_torque(mechanism, motion, TWIST_OUTPUT)
-    row.phase1 = _phase(motion.mode[CLUTCH1])
-    row.phase2 = _phase(motion.mode[CLUTCH2])
+    row.output_torque_nm = spring_torque(mechanism, motion, TWIST_OUTPUT)
+    row.phase1 = phase_of(motion.mode[CLUTCH1])
+    row.phase2 = phase_of(motion.mode[CLUTCH2])
 
 
 @compiled
@@ -261,11 +241,12 @@ def _run(
     loads: Loads,
     scratch: Scratch,
     truth: NDArray[np.void],
-    wanted: NDArray[np.int64],
     rows: NDArray[np.void],
 ) -> None:
     gears = np.zeros(2, np.int64)
     gears[0], gears[1] = truth[0].gear1, truth[0].gear2
+    sleeve = np.zeros(2)  # s on the way to the cone
+    cone = np.zeros(2)  # its torque, on the input shaft
     efficiency = p.gear_efficiency * p.final_drive_efficiency
     n = len(rows)
     for k in range(n):
@@ -275,32 +256,46 @@ def _run(
         now, later = truth[k], truth[k + 1]
         for shaft in range(2):
             gear = now.gear1 if shaft == 0 else now.gear2
+            goal = now.gear1_command if shaft == 0 else now.gear2_command
             if gear != gears[shaft]:
                 gears[shaft] = gear
+                sleeve[shaft] = cone[shaft] = 0.0
                 motion.twist[TWIST_TRANSFER1 + shaft] = 0.0
                 set_gear(p, compliant, mechanism, shaft, gear)
-            cone = 0.0
-            if gear == 0:
-                changing = now.changing1 if shaft == 0 else now.changing2
-                goal = wanted[k, shaft]
-                if changing and goal != 0:
-                    total = p.ratio[goal] * p.final_drive[goal]
-                    if mechanism.contact[MESH1 + shaft, OUTPUT] != -total:
-                        _set_mesh(mechanism, shaft, total)
-                        motion.mode[MESH1 + shaft] = FREE  # whatever stuck before, it was another gear
-                    cone = p.cone_max
-            elif not compliant:
-                cone = _RIGID
-            loads.kinetic[:, MESH1 + shaft] = cone
-            loads.static[:, MESH1 + shaft] = cone * p.cone_static_ratio
+            if gear != 0:
+                torque = 0.0 if compliant else _RIGID
+            else:
+                _synchronise(p, mechanism, motion, sleeve, cone, shaft, goal)
+                torque = cone[shaft]
+            loads.kinetic[:, MESH1 + shaft] = torque
+            loads.static[:, MESH1 + shaft] = torque * p.cone_static_ratio
         for j in range(_SUBSTEPS):
             for end in range(2):
                 x = (j + end) / _SUBSTEPS
                 _load(p, now, later, x, end, loads)
-            driving = _spring_torque(mechanism, motion, TWIST_OUTPUT) >= 0.0
+            driving = spring_torque(mechanism, motion, TWIST_OUTPUT) >= 0.0
             mechanism.spring_torque[TWIST_OUTPUT, OUTPUT] = 1.0 / efficiency if driving else efficiency
             mechanism.damping[AIR] = p.air * p.r_w**3 * abs(motion.speed[CAR])  # (11)
             advance(mechanism, motion, loads, _PERIOD / _SUBSTEPS, scratch)
+
+
+@compiled
+def _synchronise(
+    p: Parameters, mechanism: Mechanism, motion: Motion, sleeve: Floats, cone: Floats, shaft: int, goal: int
+) -> None:
+    """Move a sleeve to the cone of the gear asked for and press it as hard as the reference plant does."""
+    if goal == 0:
+        cone[shaft] = 0.0
+        return
+    total = p.ratio[goal] * p.final_drive[goal]
+    if mechanism.contact[MESH1 + shaft, OUTPUT] != -total:
+        _set_mesh(mechanism, shaft, total)
+        motion.mode[MESH1 + shaft] = FREE  # whatever stuck before, it was another gear
+        sleeve[shaft] = cone[shaft] = 0.0
+    sleeve[shaft] += _PERIOD
+    if sleeve[shaft] >= p.sleeve_time and cone[shaft] == 0.0:
+        distance = abs(motion.speed[SHAFT1 + shaft] - total * motion.speed[OUTPUT])
+        cone[shaft] = min(p.cone_max, max(1.0, mechanism.mass[SHAFT1 + shaft] * distance / p.cone_time))
 
 
 @compiled
@@ -310,7 +305,7 @@ def _load(p: Parameters, now: Any, later: Any, x: float, end: int, loads: Loads)
         later.engine_torque_nominal_nm - now.engine_torque_nominal_nm
     )
     grade = now.grade_rad + x * (later.grade_rad - now.grade_rad)
-    loads.force[end, CAR] = -p.r_w * p.weight * np.sin(grade)  # (11)
+    loads.force[end, CAR] = -p.r_w * p.weight * np.sin(grade)  # (11): grade here, the rest as friction and damping
     hold = p.r_w * (p.rolling * p.weight * np.cos(grade) + now.brake_n + x * (later.brake_n - now.brake_n))
     loads.kinetic[end, ROAD] = hold
     loads.static[end, ROAD] = hold

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from dctorque_can.compiled import compiled
-from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.simulation.control import CONTROL, decide
 from dctorque_can.simulation.driver import follow
 from dctorque_can.simulation.mechanism import (
@@ -32,6 +31,8 @@ from dctorque_can.simulation.mechanism import (
     new_loads,
     new_motion,
     new_scratch,
+    phase_of,
+    spring_torque,
 )
 from dctorque_can.simulation.powertrain import Parameters
 from dctorque_can.simulation.stick_slip import advance
@@ -46,8 +47,6 @@ STEP = 1e-4
 PERIOD = SUBSTEPS * STEP
 
 _TYRE_DAMPING_SPEED = 1.0  # m/s; a rolling tyre is damped by its slip, its own damping is for standstill
-
-_OPEN_PHASE, _SLIPPING_PHASE, _LOCKED_PHASE = (int(phase) for phase in ClutchPhase)
 
 ACTUATION = np.dtype(
     [
@@ -105,15 +104,6 @@ def position_for(p: Parameters, clutch: int, torque: float, ready: bool) -> floa
         return p.ready if ready else 0.0
     share = min(1.0, torque / p.capacity_assumed[clutch])
     return float(p.kiss + (p.full - p.kiss) * share ** (1.0 / p.force_exponent))
-
-
-@compiled
-def spring_torque(mechanism: Mechanism, motion: Motion, spring: int) -> float:
-    """Return k δ + b dδ/dt of one spring now."""
-    rate = 0.0
-    for i in range(N_SPEEDS):
-        rate += mechanism.spring_speed[spring, i] * motion.speed[i]
-    return float(mechanism.stiffness[spring] * motion.twist[spring] + mechanism.damping[spring] * rate)
 
 
 @compiled
@@ -233,13 +223,6 @@ def move(
 
 
 @compiled
-def _phase(mode: int) -> int:
-    if mode == FREE:
-        return _OPEN_PHASE
-    return _LOCKED_PHASE if mode == STUCK else _SLIPPING_PHASE
-
-
-@compiled
 def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, row: Any) -> None:
     """Write the present state into one `TRUTH` record (time, pedal, brake and grade are the caller's)."""
     w = motion.speed
@@ -252,6 +235,8 @@ def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, 
     row.undriven_wheel_speed_rad_s = w[BODY] / p.r_w
     row.clutch1_torque_nm = motion.torque[CLUTCH1] + spring_torque(mechanism, motion, DRAG1)
     row.clutch2_torque_nm = motion.torque[CLUTCH2] + spring_torque(mechanism, motion, DRAG2)
+    row.transfer1_torque_nm = spring_torque(mechanism, motion, TWIST_TRANSFER1)
+    row.transfer2_torque_nm = spring_torque(mechanism, motion, TWIST_TRANSFER2)
     row.output_torque_nm = spring_torque(mechanism, motion, TWIST_OUTPUT)
     row.engine_torque_nm = a.T_e
     row.engine_torque_nominal_nm = a.T_e
@@ -266,10 +251,12 @@ def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, 
     row.clutch2_capacity_nm = capacity(p, 1, a.position[1])
     row.gear1 = a.engaged[0]
     row.gear2 = a.engaged[1]
+    row.gear1_command = c.gear_command[0]
+    row.gear2_command = c.gear_command[1]
     row.changing1 = a.changing[0]
     row.changing2 = a.changing[1]
-    row.phase1 = _phase(motion.mode[CLUTCH1])
-    row.phase2 = _phase(motion.mode[CLUTCH2])
+    row.phase1 = phase_of(motion.mode[CLUTCH1])
+    row.phase2 = phase_of(motion.mode[CLUTCH2])
     kinetic = 0.0
     for i in range(N_SPEEDS):
         kinetic += 0.5 * mechanism.mass[i] * w[i] * w[i]

@@ -19,6 +19,8 @@ TRUTH = np.dtype(
         ("undriven_wheel_speed_rad_s", "f8"),  # these roll with the body
         ("clutch1_torque_nm", "f8"),  # transmitted, drag included
         ("clutch2_torque_nm", "f8"),
+        ("transfer1_torque_nm", "f8"),  # T_t, in the transfer shaft, behind the gear
+        ("transfer2_torque_nm", "f8"),
         ("output_torque_nm", "f8"),  # T_o, in the output shaft: after gear and final drive efficiency
         ("engine_torque_nm", "f8"),  # T_e, net, after the engine's lag
         ("engine_torque_nominal_nm", "f8"),  # T_en as the engine's own control unit knows it
@@ -34,6 +36,8 @@ TRUTH = np.dtype(
         ("clutch2_capacity_nm", "f8"),
         ("gear1", "i1"),  # engaged on shaft 1; 0 neutral, -1 reverse
         ("gear2", "i1"),
+        ("gear1_command", "i1"),  # asked for by the gearbox control
+        ("gear2_command", "i1"),
         ("changing1", "bool"),  # a synchroniser of shaft 1 is at work
         ("changing2", "bool"),
         ("phase1", "u1"),  # ClutchPhase: OPEN has no capacity, LOCKED sticks

@@ -126,3 +126,10 @@ def test_an_error_of_our_own_is_one_line_too(dctorque, monkeypatch: pytest.Monke
 
     monkeypatch.setattr("dctorque_can.cli.configuration.load", fail)
     assert_clear(dctorque("run", PAPER), "unexpected RuntimeError: impossible", "--debug")
+
+
+def test_line_100_is_a_number(dctorque, tmp_path: Path) -> None:
+    """rich would take ":100:" for the name of an emoji."""
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("# \n" * 99 + "colour: red\n", encoding="utf-8")
+    assert_clear(dctorque("check", broken), "broken.yaml:100: colour")

@@ -41,9 +41,34 @@ def test_the_order_of_section_4_2(page, monkeypatch):
         assert ratios[0] == 1.0 < ratios[1] < ratios[2]
 
 
+def row_of(mark, name):
+    """Return the numbers of a row of a table of the page."""
+    content = PAGE.split(f"<!-- {mark} -->\n")[1].split(f"<!-- /{mark} -->")[0]
+    row = next(line for line in content.splitlines() if line.startswith(f"| {name}"))
+    return [float(cell.split(" ± ")[0]) for cell in row.split("|")[2:-1] if cell.strip()]
+
+
+def test_the_page_says_what_is_measured(page):
+    """A row of three tables: Table 1 on a few of its seeds, an open-loop run, and the tie-up."""
+    cases, models = page("cases"), page("models")
+    frames = {seed: cases.paper_frames(seed) for seed in range(1, 6)}
+    errors = cases.score(cases.car("paper_car"), frames, cases.paper_truth()).rms.mean(axis=0)
+    np.testing.assert_allclose(row_of("table1", "ours, full observer"), errors, rtol=0.08)
+    for run, mark, name in (
+        (models.validation, "open_loop", "section 4.1 car, down-shift, compliant"),
+        (models.recirculation, "recirculation", "section 2.3 car, conventional"),
+    ):
+        _, table = run()
+        found = next(line for line in table.splitlines() if line.startswith(f"| {name}"))
+        np.testing.assert_allclose(
+            row_of(mark, name), [float(cell) for cell in found.split("|")[2:-1]], rtol=0.02, atol=0.02
+        )
+
+
 def test_the_command_fills_the_page():
     script = (ROOT / "tools" / "paper" / "__main__.py").read_text(encoding="utf-8")
     marks = set(re.findall(r"<!-- (\w+) -->", PAGE))
+    assert marks >= {"table1", "variants", "vehicle"}
     for mark in marks:
         assert f'"{mark}": ' in script
         content = PAGE.split(f"<!-- {mark} -->\n")[1].split(f"<!-- /{mark} -->")[0]

@@ -25,6 +25,7 @@ PAGES: dict[str, Callable[[], tuple[dict[str, Figure], str]]] = {
     "recirculation": models.recirculation,
     "open_loop": models.validation,
     "drive": drive41.drive,
+    "gains": drive41.gains,
     "table1": drive41.table1,
     "variants": drive41.variants,
     "limits": drive41.limits,
@@ -44,6 +45,8 @@ def put(text: str, name: str, content: str) -> str:
 
 
 def main(wanted: list[str]) -> None:
+    if {"-h", "--help"} & set(wanted):
+        raise SystemExit(__doc__)
     known = [*PAGES, *COMMANDS]
     unknown = sorted(set(wanted) - set(known))
     if unknown:

@@ -19,6 +19,7 @@ from dctorque_can.simulation.sensors import LABORATORY, SensorProfile, emit_fram
 DESIGN = "estimator.oh2014."
 CARS = {"paper_car": "section 4.1 car", "avante_dct7": "section 2.3 car"}
 SEEDS = range(1, 11)
+MANY_SEEDS = range(1, 31)
 TORQUES = ("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm")
 
 

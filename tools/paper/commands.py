@@ -39,7 +39,14 @@ def studies(images: Path) -> str:
             ranking = [one for one in summary["sensitivity"][torque]["ranking"] if one["significant"]]
             named = [f"{one['factor']} {one['change_nm']:.1f}{one['shape']}" for one in ranking[:LARGEST]]
             numbers = (summary["nominal_rms"][torque], spread["p5"], spread["p50"], spread["p95"])
+            explained = f"{100 * summary['sensitivity'][torque]['explained']:.0f} %"
             rows.append(
-                [f"{label}, {word}", *(f"{x:.1f}" for x in numbers), ", ".join(named) or "none above chance"]
+                [
+                    f"{label}, {word}",
+                    *(f"{x:.1f}" for x in numbers),
+                    explained,
+                    ", ".join(named) or "none above chance",
+                ]
             )
-    return table(["RMS error [N·m]", "nominal", "5 %", "median", "95 %", "largest factors, change [N·m]"], rows)
+    head = ["RMS error [N·m]", "nominal", "5 %", "median", "95 %", "explained"]
+    return table([*head, "largest factors: change over the middle 90 % of their draws [N·m]"], rows)

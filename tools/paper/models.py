@@ -36,7 +36,7 @@ def validation() -> tuple[dict[str, Figure], str]:
         shifts = find_shifts(truth)
         pair = (next(s for s in shifts if s.is_up), next(s for s in shifts if not s.is_up))
         figure, axes = new_figure(
-            4, 2, f"Open loop on commands alone, {label}: both models and the reference plant", 9.4, sharex="col"
+            4, 2, f"Open loop, {label}: both models on the inputs of the reference plant", 9.4, sharex="col"
         )
         for column, shift in enumerate(pair):
             part = window(truth, shift)
@@ -64,11 +64,16 @@ def draw_shift(axes, t, truth, runs) -> None:
     )
     for axis, (field, label, factor) in zip(axes, panels, strict=True):
         axis.plot(t, factor * truth[field], label="reference plant", **TRUE)
-        for model, run in runs.items():
-            colour, name = LOOKS[model]
-            style = "--" if model is DrivelineModel.CONVENTIONAL else "-"
-            axis.plot(t, factor * run[field], style, color=colour, label=name, **THIN)
+        draw_models(axis, t, runs, field, factor)
         axis.set_ylabel(label)
+
+
+def draw_models(axis, t, runs, field: str, factor: float = 1.0) -> None:
+    """Draw a column of both models, the dashed conventional one on top: where they coincide it shows as dashes."""
+    for model in (DrivelineModel.COMPLIANT, DrivelineModel.CONVENTIONAL):
+        colour, name = LOOKS[model]
+        style = (0, (4, 4)) if model is DrivelineModel.CONVENTIONAL else "-"
+        axis.plot(t, factor * runs[model][field], linestyle=style, color=colour, label=name, **THIN)
 
 
 def recirculation() -> tuple[dict[str, Figure], str]:
@@ -95,23 +100,23 @@ def recirculation() -> tuple[dict[str, Figure], str]:
             ("output_torque_nm", "Output torque [N·m]"),
         )
         for axis, (field, text) in zip(axes[:, column], panels, strict=True):
-            if field in truth.dtype.names:
-                axis.plot(t, truth[field], label="reference plant", **TRUE)
-            for model, run in runs.items():
-                colour, word = LOOKS[model]
-                style = "--" if model is DrivelineModel.CONVENTIONAL else "-"
-                axis.plot(t, run[field], style, color=colour, label=word, **THIN)
+            axis.plot(t, truth[field], label="reference plant", **TRUE)
+            draw_models(axis, t, runs, field)
             axis.axhline(0.0, color="0.3", linewidth=0.7)
             if column == 0:
                 axis.set_ylabel(text)
         held = slice(500, 900)
-        rows.append([f"{label}, plant", f"{truth['clutch1_torque_nm'][held].mean():.1f}", "", ""])
+        known = [truth[f"{name}_torque_nm"][held] for name in ("clutch1", "transfer1")]
+        rows.append(
+            [f"{label}, plant", f"{known[0].mean():.1f}", f"{known[0].min():.1f}", f"{known[1].mean():.0f}", ""]
+        )
         for model, run in runs.items():
             difference = rms(run["output_torque_nm"][held] - truth["output_torque_nm"][held])
             rows.append(
                 [
                     f"{label}, {LOOKS[model][1]}",
                     f"{run['clutch1_torque_nm'][held].mean():.1f}",
+                    f"{run['clutch1_torque_nm'][held].min():.1f}",
                     f"{run['transfer1_torque_nm'][held].mean():.0f}",
                     f"{difference:.0f}",
                 ]
@@ -121,6 +126,7 @@ def recirculation() -> tuple[dict[str, Figure], str]:
     head = [
         "while clutch 2 is pressed",
         "mean clutch 1 [N·m]",
+        "lowest clutch 1 [N·m]",
         "mean transfer shaft 1 [N·m]",
         "RMS error of output torque [N·m]",
     ]
