@@ -54,7 +54,8 @@ def sampled_rates(c, pair, x, point, h):
 @pytest.mark.parametrize(("g1", "g2"), [(1, 2), (3, 4)])
 def test_short_samples_give_the_printed_system(printed, a_w, g1, g2):
     """(x(h) - x)/h of predict and correct tends to (68) in all eight states: 2 r(h/2) - r(h) agrees to 5e-3."""
-    c, pair = observer(g1, g2, lossless=True, printed_rate_law=printed, road_load=RoadLoad.NONE)
+    gains = {"engine_bandwidth_rad_s": 200.0, "shaft_bandwidth_rad_s": 200.0, "torque_crossover_rad_s": 250.0}
+    c, pair = observer(g1, g2, lossless=True, printed_rate_law=printed, road_load=RoadLoad.NONE, **gains)
     # clutch torques near (65), (66) and shafts almost without twist, so that no term of (37), (38) hides another
     x = np.array([20.1, 69.8, 0.1, 150.0, 198.0, 90.0, 183.0, 20.0 + R[g2] / R[g1] * 70.0])
     point = (200.0, 180.0, 180.0 * R[g2] / R[g1] + 0.003, a_w, 100.0)
