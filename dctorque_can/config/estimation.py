@@ -178,7 +178,7 @@ class KalmanSection(Section):
     """For how long a clutch torque keeps its rate, s."""
     open_torque_nm: Annotated[float, Field(gt=0, le=100)] = 1.0
     """Torque of an open clutch beside its viscous drag, N·m."""
-    road_load_rate_nm_per_sqrt_s: Rate = 100.0
+    road_load_rate_nm_per_sqrt_s: Rate = 60.0
     """How fast grade, wind and load change at the wheel, N·m/√s."""
     held_load_rate_nm_per_sqrt_s: Rate = 3000.0
     """The same while the car stands or brakes, N·m/√s."""

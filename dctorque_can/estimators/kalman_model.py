@@ -207,7 +207,7 @@ def discrete(A: Floats, B: Floats, intensity: list[Floats]) -> list[tuple[Floats
 
 
 def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool = True) -> Tables:
-    """Return the discrete model of every pair of gears; takes half a second.
+    """Return the discrete model of every pair of gears; takes a tenth of a second.
 
     Args:
         vehicle: parameters.
