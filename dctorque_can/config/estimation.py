@@ -162,40 +162,50 @@ Rate = Annotated[float, Field(gt=0, le=1e6)]
 class KalmanSection(Section):
     """What the Kalman estimator is told of sensors, torques and disturbances; standard deviations throughout."""
 
-    engine_speed_noise_rad_s: Noise = 0.2
+    engine_speed_noise_rad_s: Noise = 0.1
     """Noise of one sample of the engine speed, resolution/√12 included, rad/s."""
-    shaft_speed_noise_rad_s: Noise = 0.2
+    shaft_speed_noise_rad_s: Noise = 0.1
     """Noise of one sample of an input-shaft speed, rad/s."""
     wheel_speed_noise_rad_s: Noise = 0.025
     """Noise of one sample of one wheel speed, rad/s."""
+    timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 1.0
+    """From the sample of a speed to its frame, as far as it is unknown, ms."""
     slipping_torque_rate_nm_per_s: Rate = 2500.0
     """How fast the torque of a slipping clutch changes, N·m/s."""
     locked_torque_rate_nm_per_s: Rate = 800.0
     """How fast the torque of a locked clutch changes, N·m/s."""
-    torque_rate_time_s: Annotated[float, Field(ge=0.005, le=10)] = 0.03
+    torque_rate_time_s: Annotated[float, Field(ge=0.005, le=10)] = 0.05
     """For how long a clutch torque keeps its rate, s."""
     open_torque_nm: Annotated[float, Field(gt=0, le=100)] = 1.0
     """Torque of an open clutch beside its viscous drag, N·m."""
-    road_load_rate_nm_per_sqrt_s: Rate = 100.0
+    road_load_rate_nm_per_sqrt_s: Rate = 60.0
     """How fast grade, wind and load change at the wheel, N·m/√s."""
     held_load_rate_nm_per_sqrt_s: Rate = 3000.0
     """The same while the car stands or brakes, N·m/√s."""
-    tyre_torque_rate_nm_per_sqrt_s: Rate = 1000.0
+    tyre_torque_rate_nm_per_sqrt_s: Rate = 1500.0
     """How fast the torque between tyres and road changes, N·m/√s."""
     engine_torque_error_nm: Annotated[float, Field(gt=0, le=1000)] = 3.0
-    """Error of the nominal engine torque, N·m."""
+    """Error of the nominal engine torque when it is zero, N·m."""
+    engine_torque_error_share: Annotated[float, Field(ge=0, le=1)] = 0.05
+    """… and by how much of the torque it grows with it."""
+    engine_torque_delay_ms: Annotated[float, Field(ge=0, le=1000)] = 10.0
+    """By how much a change of the nominal engine torque may be late, ms."""
     engine_torque_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 2.0
     """For how long that error lasts, s."""
     unmodelled_rad_s_per_sqrt_s: Annotated[float, Field(ge=0, le=1000)] = 0.3
     """What engine and input shafts do beside the model, rad/s/√s."""
-    gate_sigma: Annotated[float, Field(ge=3, le=1000)] = 6.0
+    synchroniser_rad_s2: Annotated[float, Field(gt=0, le=1e5)] = 500.0
+    """Acceleration that a synchroniser gives to an input shaft in neutral, rad/s²."""
+    gate_sigma: Annotated[float, Field(ge=3, le=1000)] = 5.0
     """A speed further from its prediction is not believed, in standard deviations."""
-    gate_patience: Annotated[int, Field(ge=0, le=1000)] = 20
+    gate_patience: Annotated[int, Field(ge=0, le=1000)] = 10
     """… until so many samples in a row are not."""
 
     def build(self) -> KalmanDesign:
         """Return the design as the estimator knows it."""
-        return KalmanDesign(**dict(self))
+        numbers = dict(self)
+        timing, delay = (numbers.pop(name) / 1000.0 for name in ("timing_error_ms", "engine_torque_delay_ms"))
+        return KalmanDesign(timing_error_s=timing, engine_torque_delay_s=delay, **numbers)
 
 
 class EstimatorSection(Section):

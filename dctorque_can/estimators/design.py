@@ -53,6 +53,7 @@ class KalmanDesign:
     engine_speed_noise_rad_s: float  # of one sample, its resolution included
     shaft_speed_noise_rad_s: float
     wheel_speed_noise_rad_s: float  # of one wheel
+    timing_error_s: float  # between the sample of a speed and the time of its frame
     slipping_torque_rate_nm_per_s: float  # how fast the torque of a slipping clutch changes
     locked_torque_rate_nm_per_s: float
     torque_rate_time_s: float  # for how long it keeps that rate
@@ -60,8 +61,11 @@ class KalmanDesign:
     road_load_rate_nm_per_sqrt_s: float
     held_load_rate_nm_per_sqrt_s: float  # … while the car stands or brakes
     tyre_torque_rate_nm_per_sqrt_s: float
-    engine_torque_error_nm: float
+    engine_torque_error_nm: float  # of the nominal engine torque, when there is none
+    engine_torque_error_share: float  # … and its growth with the torque
+    engine_torque_delay_s: float  # by how much it may be late
     engine_torque_error_time_s: float  # for how long it lasts
     unmodelled_rad_s_per_sqrt_s: float  # what engine and shafts do beside the model
+    synchroniser_rad_s2: float  # acceleration of a shaft in neutral
     gate_sigma: float  # a speed further from its prediction is not believed
     gate_patience: int  # … until so many samples in a row are

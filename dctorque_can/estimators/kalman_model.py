@@ -1,15 +1,19 @@
 """The driveline as a linear stochastic model: what the Kalman estimator predicts with.
 
-With the clutch torques as states the compliant driveline of section 2.2 is linear for each pair of engaged gears. Here
-are its matrices and their exact discretisation on a ladder of steps, all made at configuration time:
+With the clutch torques as states the compliant driveline of section 2.2 is linear for each pair of engaged gears.
+Here are its matrices and their exact discretisation on a ladder of steps, all made at configuration time:
 
     J_e ω̇_e = T_en + ΔT_e − T_d          J_d ω̇_d = T_d − T_c1 − T_c2        T_d = k_d θ_d + b_d (ω_e − ω_d)
-    J_i ω̇_ci = T_ci − T_ti/(i_ti η)      T_ti = k_ti θ_ti + b_ti (ω_ci/i_ti − i_fi ω_o)          (12), (13), (15), (16)
-    J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_o     T_o = k_o θ_o + b_o (ω_o − ω_w)               (14), (17)
+    J_i ω̇_ci = T_ci − T_ti/(i_ti η)      T_ti = k_ti θ_ti + b_ti (ω_ci/i_ti − i_fi ω_o)     (12), (13), (15), (16)
+    J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_o     T_o = k_o θ_o + b_o (ω_o − ω_w)          (14), (17)
     J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
 
-T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it); nothing is assumed of the
-tyre but that T_x changes at a bounded rate. Clutch torques have rates r_i that forget within ``torque_rate_time_s``.
+T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it); nothing is assumed of
+the tyre but that T_x changes at a bounded rate. Clutch torques have rates r_i that forget within
+``torque_rate_time_s``. A shaft in neutral has an open clutch and perhaps a synchroniser: there the state T_ci is
+the torque between shaft and output shaft, J_i ω̇_ci = T_ci and −R T_ci on the output shaft.
+
+SI units: rad/s, rad, N·m, kg·m².
 """
 
 from __future__ import annotations
@@ -60,7 +64,6 @@ STEPS_US = (16_000, 8_000, 4_000, 2_000, 1_000, 500, 250)
 _HALVINGS = 15  # of the shortest step: there |A| h is small even for an output shaft of 0.0002 kg·m²
 _SLACK_RATE = 50.0  # 1/s, at which the twist of a shaft in neutral is forgotten
 _LEAST_INERTIA = 1e-4  # kg·m²; a lighter output shaft has no dynamics that any sensor sees
-_NEUTRAL_ACCELERATION = 300.0  # rad/s/√s, of a shaft that a synchroniser may seize
 
 
 class Tables(NamedTuple):
@@ -75,6 +78,7 @@ class Tables(NamedTuple):
         noise_1: … of the rate of T_c1, per unit variance of the rate.
         noise_2: … of the rate of T_c2.
         noise_v: … of T_v, per unit intensity.
+        noise_e: … of ΔT_e, per unit variance.
         output: T_o as a combination of the states ``[N]``.
     """
 
@@ -85,6 +89,7 @@ class Tables(NamedTuple):
     noise_1: Floats
     noise_2: Floats
     noise_v: Floats
+    noise_e: Floats
     output: Floats
 
 
@@ -98,7 +103,7 @@ def continuous(
         design: times in which rates and torque error forget.
         gear1: on shaft 1, 0 for neutral.
         gear2: on shaft 2.
-        drives: for each shaft, whether its transfer shaft drives the car (else it is driven): direction of the losses.
+        drives: for each shaft, whether its transfer shaft drives the car, else it is driven: where losses go.
     """
     A = np.zeros((N, N))
     damper, output, chassis = vehicle.damper, vehicle.output_shaft, vehicle.chassis
@@ -107,16 +112,17 @@ def continuous(
     A[W_E] = -T_d / vehicle.engine_inertia_kgm2
     A[W_E, DT_E] = 1.0 / vehicle.engine_inertia_kgm2
     A[W_D] = T_d / damper.inertia_kgm2
-    A[W_D, [T_C1, T_C2]] = -1.0 / damper.inertia_kgm2
     A[TH_D, [W_E, W_D]] = 1.0, -1.0
     J_o = max(output.inertia_kgm2, _LEAST_INERTIA)
     for i, number in enumerate((gear1, gear2)):
         shaft = vehicle.shafts[i]
-        J = shaft.inertia_kgm2 + sum(gear.inertia_kgm2 for gear in vehicle.gears_on(i + 1))
+        J = shaft_inertia(vehicle, i)
         A[W_C1 + i, T_C1 + i] = 1.0 / J
         if number == 0:
+            A[W_O, T_C1 + i] = -synchroniser_ratio(vehicle, i, gear2 if i == 0 else gear1) / J_o
             A[TH_T1 + i, TH_T1 + i] = -_SLACK_RATE
             continue
+        A[W_D, T_C1 + i] = -1.0 / damper.inertia_kgm2
         gear = vehicle.gear(number)
         arm_in, arm_out = _arms(vehicle, gear, drives[i])
         T_t = np.zeros(N)
@@ -149,26 +155,36 @@ def _arms(vehicle: Vehicle, gear: Gear, drives: bool) -> tuple[float, float]:
     return vehicle.gear_efficiency / gear.ratio, gear.final_drive / vehicle.final_drive_efficiency
 
 
-def intensities(design: KalmanDesign, gear1: int, gear2: int) -> Floats:
-    """Return the intensities ``[N]`` of the white noise that always acts."""
+def intensities(design: KalmanDesign) -> Floats:
+    """Return the intensity ``[N, N]`` of the white noise that always acts."""
     q = np.zeros(N)
-    q[[W_E, W_D]] = design.unmodelled_rad_s_per_sqrt_s**2
-    for i, gear in enumerate((gear1, gear2)):
-        q[W_C1 + i] = (design.unmodelled_rad_s_per_sqrt_s if gear else _NEUTRAL_ACCELERATION) ** 2
+    q[[W_E, W_D, W_C1, W_C2]] = design.unmodelled_rad_s_per_sqrt_s**2
     q[T_X] = design.tyre_torque_rate_nm_per_sqrt_s**2
-    q[DT_E] = 2.0 * design.engine_torque_error_nm**2 / design.engine_torque_error_time_s
-    return q
+    return np.diag(q)
+
+
+def synchroniser_ratio(vehicle: Vehicle, i: int, other: int) -> float:
+    """Return the total ratio of the gear that shaft i (0, 1) probably takes: beside the other shaft's gear."""
+    candidates = vehicle.gears_on(i + 1)
+    nearest = min((abs(gear.number - other) for gear in candidates), default=0)
+    ratios = [gear.total_ratio for gear in candidates if abs(gear.number - other) == nearest]
+    return float(np.mean(ratios)) if ratios else 0.0
+
+
+def shaft_inertia(vehicle: Vehicle, i: int) -> float:
+    """Return J_1 or J_2 (i = 0, 1): an input shaft with all its gears, kg·m²."""
+    return vehicle.shafts[i].inertia_kgm2 + sum(gear.inertia_kgm2 for gear in vehicle.gears_on(i + 1))
 
 
 def discrete(A: Floats, B: Floats, intensity: list[Floats]) -> list[tuple[Floats, Floats, list[Floats]]]:
     """Return (F, response to a constant input, covariance of each noise) for each of `STEPS_US`.
 
-    Van Loan (1978) at a step so short that exp(−A h) is harmless, then by doubling: F(2h) = F², Q(2h) = F Q Fᵀ + Q.
+    Van Loan (1978) at a step so short that exp(−A h) is harmless, then doubled: F(2h) = F², Q(2h) = F Q Fᵀ + Q.
 
     Args:
         A: ``[N, N]``.
         B: ``[N]``.
-        intensity: diagonals ``[N]`` of the white noises.
+        intensity: of each white noise, ``[N, N]``.
     """
     h = STEPS_US[-1] * 1e-6 / 2**_HALVINGS
     n = len(A)
@@ -178,7 +194,7 @@ def discrete(A: Floats, B: Floats, intensity: list[Floats]) -> list[tuple[Floats
     F, b = step[:n, :n], step[:n, n]
     Q = []
     for q in intensity:
-        block = np.block([[-A, np.diag(q)], [np.zeros((n, n)), A.T]])
+        block = np.block([[-A, q], [np.zeros((n, n)), A.T]])
         Q.append(F @ expm(block * h)[:n, n:])
     result = []
     for k in range(_HALVINGS + len(STEPS_US)):
@@ -191,7 +207,7 @@ def discrete(A: Floats, B: Floats, intensity: list[Floats]) -> list[tuple[Floats
 
 
 def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool = True) -> Tables:
-    """Return the discrete model of every pair of gears; takes half a second.
+    """Return the discrete model of every pair of gears; takes a tenth of a second.
 
     Args:
         vehicle: parameters.
@@ -204,17 +220,18 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool
         pairs = []
     rows, steps = 4 * len(pairs), len(STEPS_US)
     row = np.full((table_size, table_size), -1, np.int64)
-    matrices = [np.zeros((rows, steps, N, N)) for _ in range(5)]
+    matrices = [np.zeros((rows, steps, N, N)) for _ in range(6)]
     response = np.zeros((rows, steps, N))
     B = np.zeros(N)
     B[W_E] = 1.0 / vehicle.engine_inertia_kgm2
-    rate_1, rate_2, load = np.zeros(N), np.zeros(N), np.zeros(N)
-    rate_1[R_1] = rate_2[R_2] = 2.0 / design.torque_rate_time_s
-    load[T_V] = 1.0
+    rate_1, rate_2, load, engine = (np.zeros((N, N)) for _ in range(4))
+    rate_1[R_1, R_1] = rate_2[R_2, R_2] = 2.0 / design.torque_rate_time_s
+    load[T_V, T_V] = 1.0
+    engine[DT_E, DT_E] = 2.0 / design.engine_torque_error_time_s
     T_o = np.zeros(N)
     for first, (gear1, gear2) in zip(range(0, rows, 4), pairs, strict=True):
         row[gear1 + 1, gear2 + 1] = first
-        noises = [intensities(design, gear1, gear2), rate_1, rate_2, load]
+        noises = [intensities(design), rate_1, rate_2, load, engine]
         for drives in product((False, True), repeat=2):
             k = first + 2 * drives[0] + drives[1]
             A, T_o = continuous(vehicle, design, gear1, gear2, (drives[0], drives[1]))
@@ -222,5 +239,5 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool
                 response[k, step] = b
                 for matrix, value in zip(matrices, (F, *Q), strict=True):
                     matrix[k, step] = value
-    phi, noise, noise_1, noise_2, noise_v = matrices
-    return Tables(row, phi, response, noise, noise_1, noise_2, noise_v, T_o)
+    phi, noise, noise_1, noise_2, noise_v, noise_e = matrices
+    return Tables(row, phi, response, noise, noise_1, noise_2, noise_v, noise_e, T_o)

@@ -16,7 +16,7 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman, oh2014, oh2014_model
 from dctorque_can.estimators.design import Method
-from dctorque_can.estimators.kalman_model import Tables
+from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
@@ -41,11 +41,11 @@ _OUT_OF_RANGE = int(SampleStatus.OUT_OF_RANGE)
 
 
 @compiled_without_allocation
-def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, tuning: Any) -> None:
+def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any, k: Kalman) -> None:
     """Start the estimators at the present measurements."""
     _, _, _, w_w, _ = wheel_speeds(core, rules)
     if rules.method == Method.KALMAN:
-        start_kalman(core, f, tuning, w_w)
+        start_kalman(core, k, w_w)
     for i in range(2):
         core.w_c[i] = core.w_c_last[i] = core.value[SPEED_1 + i]
         core.shaft_us[i] = core.t_us
@@ -137,9 +137,7 @@ def correct_shafts(core: Any, s: Any, c: Any, pair: Any, carries_1: bool, carrie
 
 
 @compiled_without_allocation
-def act(
-    core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, f: Any, tables: Tables, tuning: Any
-) -> None:
+def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, k: Kalman) -> None:
     """Let one whole frame take effect at the time of the grid."""
     mark_stale(core, rules, health)
     for i in range(2):
@@ -151,7 +149,7 @@ def act(
         core.running = False  # held: the torques stay as they are until the inputs are back
         return
     if not core.running:
-        restart(core, rules, s, c, pair, f, tuning)
+        restart(core, rules, s, c, pair, k)
     take_gears(core, s, c, pair)
     fits = speeds_fit(core, rules, pair)
     may_1, may_2 = pair.g1 != 0 and bool(core.closed[0]), pair.g2 != 0 and bool(core.closed[1])
@@ -171,7 +169,7 @@ def act(
         core.learned_us += elapsed_us
     core.settled_us = core.t_us
     if rules.method == Method.KALMAN:
-        act_kalman(core, rules, f, tables, tuning)
+        act_kalman(core, rules, k)
 
 
 @compiled_without_allocation
@@ -261,14 +259,12 @@ def run(
     healths: NDArray[np.void],
     rows: NDArray[np.void],
     health_rows: NDArray[np.void],
-    filters: NDArray[np.void],
-    tables: Tables,
-    tunings: NDArray[np.void],
+    kalman_filter: Kalman,
 ) -> tuple[int, int]:
     """Feed samples; return how many estimates and health rows were written."""
     core, rules, s = cores[0], rule[0], states[0]
     c, pair, health = constants[0], pairs[0], healths[0]
-    f, tuning = filters[0], tunings[0]
+    f = kalman_filter.state[0]
     n_rows = n_health = 0
     for k in range(len(t_us)):
         quantity = int(quantities[k])
@@ -283,16 +279,16 @@ def run(
             take_value(core, health, quantity, values[k], status)
         if not lasts[k] or not core.frame_ok:
             continue
-        act(core, rules, s, c, pair, health, f, tables, tuning)
+        act(core, rules, s, c, pair, health, kalman_filter)
         core.frame_ok = False
         for q in range(N_QUANTITIES):
             core.fresh[q] = False
-        if not all_finite(s) or not kalman_finite(f):
+        if not all_finite(s) or (rules.method == Method.KALMAN and not kalman_finite(f)):
             core.running = False
             core.learned_us = 0
             health.numeric_resets += 1
             oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
-            kalman.start(f, tuning, 0.0, 0.0, 0.0, 0.0, 0.0)
+            kalman.start(f, kalman_filter.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
         if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us
             publish(core, rules, s, c, pair, f, rows[n_rows])

@@ -9,7 +9,7 @@ from dctorque_can.driveline.gear_pair import singular_pairs
 from dctorque_can.driveline.parameters import Clutch, Vehicle
 from dctorque_can.driveline.phase_decision import closing_band
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators import kalman, kalman_model, oh2014, oh2014_model
+from dctorque_can.estimators import kalman, oh2014, oh2014_model
 from dctorque_can.estimators.design import Method, RoadLoad
 from dctorque_can.pipeline import core, core_state
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
@@ -54,9 +54,7 @@ class Estimator:
         self._core["closed"] = True
         self._state = np.zeros(1, oh2014.STATE)
         self._pair = np.zeros(1, oh2014_model.PAIR)
-        self._filter = np.zeros(1, kalman.FILTER)
-        self._tuning = kalman.tuning(settings.vehicle, settings.kalman)
-        self._tables = kalman_model.tables(
+        self._kalman = kalman.new(
             settings.vehicle, settings.kalman, oh2014_model.MAX_GEAR + 2, needed=settings.method is Method.KALMAN
         )
         self._health = np.zeros(1, HEALTH)
@@ -80,9 +78,7 @@ class Estimator:
             self._health,
             rows,
             health,
-            self._filter,
-            self._tables,
-            self._tuning,
+            self._kalman,
         )
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 

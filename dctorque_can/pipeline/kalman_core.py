@@ -8,7 +8,8 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman, oh2014
-from dctorque_can.estimators.kalman_model import T_C1, T_C2, W_B, W_C1, W_E, W_W, N, Tables
+from dctorque_can.estimators.kalman import Kalman
+from dctorque_can.estimators.kalman_model import W_B, W_C1, W_E, W_W, N
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
     ENGINE_TORQUE,
@@ -26,8 +27,9 @@ _OPEN = int(ClutchPhase.OPEN)
 
 
 @compiled_without_allocation
-def start_kalman(core: Any, f: Any, tuning: Any, w_w: float) -> None:
-    """Start at the present measurements."""
+def start_kalman(core: Any, k: Kalman, w_w: float) -> None:
+    """Start at the present measurements; w_w in rad/s."""
+    f, tuning = k.state[0], k.tuning[0]
     f.t_us = core.t_us
     f.gear[0], f.gear[1] = core.gear[0], core.gear[1]
     w_1, w_2 = core.value[SPEED_1], core.value[SPEED_1 + 1]
@@ -35,15 +37,16 @@ def start_kalman(core: Any, f: Any, tuning: Any, w_w: float) -> None:
 
 
 @compiled_without_allocation
-def act_kalman(core: Any, rules: Any, f: Any, tables: Tables, tuning: Any) -> None:
+def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     """Let one whole frame take effect at the time of the grid."""
+    f, tuning, tables = k.state[0], k.tuning[0], k.tables
     phase_1, phase_2 = phase_of(core, 0), phase_of(core, 1)
     held = braking(core) or abs(f.x[W_B]) < oh2014.STANDSTILL
     load_rate = tuning.held_load if held else tuning.road_load
-    kalman.predict(
-        f, tables, tuning, phase_1, phase_2, load_rate * load_rate, core.value[ENGINE_TORQUE], core.t_us
-    )
-    kalman.change_gears(f, core.gear[0], core.gear[1])
+    kalman.predict(f, tables, tuning, phase_1, phase_2, load_rate * load_rate, core.t_us)
+    if core.fresh[ENGINE_TORQUE]:
+        kalman.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
+    kalman.change_gears(f, tuning, core.gear[0], core.gear[1])
     kalman.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
     if core.fresh[ENGINE_SPEED]:
         kalman.measure_gated(f, tuning, _ENGINE, W_E, core.value[ENGINE_SPEED], tuning.engine_variance)
@@ -54,7 +57,8 @@ def act_kalman(core: Any, rules: Any, f: Any, tables: Tables, tuning: Any) -> No
     rear = W_B if rules.driven_axle == DrivenAxle.FRONT else W_W
     measure_axle(core, f, tuning, WHEEL, front)
     measure_axle(core, f, tuning, _REAR_WHEEL, rear)
-    kalman.conclude(f, tables)
+    kalman.decide_directions(f, phase_1 == _OPEN, phase_2 == _OPEN)
+    kalman.conclude(f, tables, tuning)
 
 
 @compiled_without_allocation
@@ -88,4 +92,4 @@ def kalman_finite(f: Any) -> bool:
 @compiled_without_allocation
 def kalman_torques(f: Any) -> tuple[float, float, float]:
     """Return both clutch torques and the output torque, N·m."""
-    return float(f.x[T_C1]), float(f.x[T_C2]), float(f.T_o)
+    return float(f.T_c1), float(f.T_c2), float(f.T_o)

@@ -1,0 +1,179 @@
+"""One step of the filter against plain matrices, and what it says of itself against data drawn from its model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from dctorque_can.config.load import load_config
+from dctorque_can.estimators import kalman
+from dctorque_can.estimators.kalman_model import STEPS_US, N, State
+from dctorque_can.resources import shipped_config
+
+SETTINGS = load_config(shipped_config("paper_car")).settings
+DESIGN = replace(SETTINGS.kalman, timing_error_s=0.0, engine_torque_delay_s=0.0)
+VEHICLE = SETTINGS.vehicle
+SLIPPING, LOCKED = 1, 2
+T_EN = 80.0
+ROAD_LOAD = 50.0  # N·m/√s
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return kalman.new(VEHICLE, DESIGN, 10).tables
+
+
+def new_filter(tables, **changes):
+    """A filter in first and second gear, started at 200, 150, 100 and 10 rad/s."""
+    k = kalman.Kalman(np.zeros(1, kalman.FILTER), kalman.tuning(VEHICLE, replace(DESIGN, **changes)), tables)
+    f = k.state[0]
+    f["gear"][:] = 1, 2
+    kalman.start(f, k.tuning[0], 200.0, 150.0, 100.0, 10.0, T_EN)
+    return k
+
+
+def model(k, step):
+    """F, b and Q of one step, clutch 1 slipping and clutch 2 locked, both driving."""
+    t, tuning = k.tables, k.tuning[0]
+    row = t.row[2, 3] + 3
+    Q = (
+        t.noise[row, step]
+        + tuning["rate"][SLIPPING] ** 2 * t.noise_1[row, step]
+        + tuning["rate"][LOCKED] ** 2 * t.noise_2[row, step]
+        + ROAD_LOAD**2 * t.noise_v[row, step]
+        + (tuning["engine_error"] ** 2 + (tuning["engine_share"] * T_EN) ** 2) * t.noise_e[row, step]
+    )
+    return t.phi[row, step], t.input[row, step], Q
+
+
+def predict(k, t_us):
+    kalman.predict(k.state[0], k.tables, k.tuning[0], SLIPPING, LOCKED, ROAD_LOAD**2, t_us)
+
+
+def dense_update(x, P, H, z, R):
+    """The textbook's update in Joseph's form."""
+    S = H @ P @ H + R
+    K = P @ H / S
+    rest = np.eye(N) - np.outer(K, H)
+    return x + K * (z - H @ x), rest @ P @ rest.T + R * np.outer(K, K)
+
+
+def test_one_step_is_that_of_plain_matrices(tables):
+    """5 ms are a step of 4 and one of 1 ms; then a speed and a difference of two are taken."""
+    k = new_filter(tables)
+    f = k.state[0]
+    root = np.random.default_rng(3).normal(0.0, 1.0, (N, N)) * np.sqrt(np.diag(f["P"]))[:, None]
+    x, P = f["x"] + root @ np.ones(N), root @ root.T / N
+    f["x"][:], f["P"][:] = x, P
+    predict(k, 5000)
+    for step in (STEPS_US.index(4000), STEPS_US.index(1000)):
+        F, b, Q = model(k, step)
+        x, P = F @ x + b * T_EN, F @ P @ F.T + Q
+    size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
+    np.testing.assert_allclose(f["x"], x, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(f["P"] / size, P / size, atol=1e-9)
+    for i, j, z, R in ((State.W_E, kalman.NONE, 203.0, 0.09), (State.W_D, State.W_C1, 40.0, 2.0)):
+        H = np.zeros(N)
+        H[i] = 1.0
+        if j != kalman.NONE:
+            H[j] = -1.0
+        x, P = dense_update(x, P, H, z, R)
+        kalman.measure(f, i, j, z, R)
+    size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
+    np.testing.assert_allclose(f["x"], x, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(f["P"] / size, P / size, atol=1e-9)
+    assert (f["P"] == f["P"].T).all()
+
+
+SPEEDS = (State.W_E, State.W_C1, State.W_C2, State.W_W, State.W_B)
+
+
+def test_consistent_on_data_of_its_own_model(tables):
+    """30 drives of 0.4 s drawn from the model: NIS of each sensor and NEES of the torques are within chi-square.
+
+    The limits enclose 99.9 %; the torques' errors are counted once a drive, since they are correlated in time.
+    """
+    random = np.random.default_rng(11)
+    noise = np.array([DESIGN.engine_speed_noise_rad_s, 0.3, 0.3, 0.02, 0.02])
+    step = STEPS_US.index(4000)
+    runs, samples = 30, 100
+    squares, nees_torques, nees_all = np.zeros(5), 0.0, 0.0
+    for _ in range(runs):
+        k = new_filter(tables, gate_sigma=1000.0)
+        f = k.state[0]
+        F, b, Q = model(k, step)
+        values, vectors = np.linalg.eigh(Q)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        x = f["x"] + np.sqrt(np.diag(f["P"])) * random.standard_normal(N)
+        for n in range(samples):
+            x = F @ x + b * T_EN + root @ random.standard_normal(N)
+            predict(k, 4000 * (n + 1))
+            for sensor, state in enumerate(SPEEDS):
+                z = x[state] + noise[sensor] * random.standard_normal()
+                kalman.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2)
+        squares += f["squares"]
+        error = x - f["x"]
+        torques = [State.T_C1, State.T_C2]
+        nees_torques += error[torques] @ np.linalg.solve(f["P"][np.ix_(torques, torques)], error[torques])
+        size = np.sqrt(np.diag(f["P"]))
+        nees_all += (error / size) @ np.linalg.solve(f["P"] / np.outer(size, size), error / size)
+    for total, freedom in (
+        (nees_torques, 2 * runs),
+        (nees_all, N * runs),
+        *((s, runs * samples) for s in squares),
+    ):
+        assert chi2.ppf(0.0005, freedom) < total < chi2.ppf(0.9995, freedom)
+
+
+@pytest.mark.parametrize(("sensor", "state"), list(enumerate(SPEEDS)))
+def test_a_speed_beyond_the_gate_waits_for_patience(tables, sensor, state):
+    """What is 50 rad/s off changes nothing, until it has been so once more than the patience."""
+    k = new_filter(tables, gate_patience=3)
+    f = k.state[0]
+    before = f["x"].copy()
+    for n in range(3):
+        kalman.measure_gated(f, k.tuning[0], sensor, state, before[state] + 50.0, 0.01)
+        assert (f["x"] == before).all()
+        assert f["rejected"][sensor] == n + 1
+    kalman.measure_gated(f, k.tuning[0], sensor, state, before[state] + 50.0, 0.01)
+    assert f["x"][state] == pytest.approx(before[state] + 50.0, abs=0.1)
+
+
+def test_a_frame_that_is_late_says_less(tables):
+    """A speed that changes by 300 rad/s² and may be 1 ms old has 0.3 rad/s of noise on top of its own 0.1."""
+    k = new_filter(tables, timing_error_s=0.001)
+    f = k.state[0]
+    f["rate"][State.W_E] = 300.0
+    x, P = dense_update(f["x"].copy(), f["P"].copy(), np.eye(N)[State.W_E], 201.0, 0.1**2 + 0.3**2)
+    kalman.measure_gated(f, k.tuning[0], 0, State.W_E, 201.0, 0.1**2)
+    np.testing.assert_allclose(f["x"], x)
+    np.testing.assert_allclose(f["P"], P, atol=1e-12)
+
+
+def test_losses_do_not_follow_the_noise(tables):
+    """A closed clutch drives down to −(2 N·m + 0.1 σ), and is driven up to as much; an open one has no band."""
+    k = new_filter(tables)
+    f = k.state[0]
+    f["P"][State.T_C1, State.T_C1] = 10.0**2
+    decisions = []
+    for torque in (-2.9, -3.1, 2.9, 3.1):
+        f["x"][State.T_C1] = torque
+        kalman.decide_directions(f, False, True)
+        decisions.append(bool(f["drives"][0]))
+    assert decisions == [True, False, False, True]
+    f["x"][State.T_C2] = -0.1
+    kalman.decide_directions(f, False, True)
+    assert not f["drives"][1]
+
+
+def test_neutral_publishes_drag_alone(tables):
+    """The synchroniser's torque is not the clutch's: 0.005 N·m·s/rad · 50 rad/s."""
+    k = new_filter(tables)
+    f = k.state[0]
+    kalman.change_gears(f, k.tuning[0], 0, 2)
+    f["x"][State.T_C1] = 77.0
+    kalman.conclude(f, k.tables, k.tuning[0])
+    assert f["T_c1"] == pytest.approx(VEHICLE.clutches[0].drag_nms_per_rad * 50.0)
+    assert f["sigma_1"] == DESIGN.open_torque_nm
+    assert f["correlation"] == 0.0
