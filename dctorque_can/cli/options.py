@@ -36,7 +36,7 @@ ForceOption = Annotated[bool, typer.Option("--force", "-f", help="Overwrite the 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the summary as one JSON object on stdout.")]
 DriveChoice = Annotated[
     Literal["paper", "mixed"],
-    typer.Option("--drive", help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 120 s."),
+    typer.Option("--drive", help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 180 s."),
 ]
 ProfileChoice = Annotated[
     Literal["laboratory", "production"],
