@@ -81,19 +81,28 @@ def load_config(path: str | Path, overrides: Mapping[str, str] | None = None) ->
         ConfigError: with every error of the file.
     """
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        near = sorted(str(p) for p in path.parent.glob("*.yaml")) if path.parent.is_dir() else []
-        hint = nearest(str(path), near) if near else ""
-        reason = f"cannot be read: {error.strerror}{hint}"
-        raise ConfigError([Problem(str(path), 0, "", "", reason)]) from error
+    content = read_content(path)
 
     def read(name: str) -> tuple[Path, bytes]:
         file = path.parent / name
         return file, file.read_bytes()
 
     return _load(path, content, dict(overrides or {}), read)
+
+
+def read_content(path: Path) -> bytes:
+    """Return what is in a YAML file.
+
+    Raises:
+        ConfigError: it cannot be read; names the files beside it that are nearest.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        near = sorted(str(p) for p in path.parent.glob("*.yaml")) if path.parent.is_dir() else []
+        hint = nearest(str(path), near) if near else ""
+        reason = f"cannot be read: {error.strerror}{hint}"
+        raise ConfigError([Problem(str(path), 0, "", "", reason)]) from error
 
 
 def load_documents(documents: Mapping[str, bytes], overrides: Mapping[str, str] | None = None) -> Config:

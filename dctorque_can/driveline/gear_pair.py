@@ -120,8 +120,7 @@ class GearPair:
             one, two = vehicle.gear(gear1), vehicle.gear(gear2)
         except KeyError as error:
             raise DctorqueError(f"vehicle: {error.args[0]}") from None
-        J_g1, J_g2 = one.inertia_kgm2, two.inertia_kgm2
         if all_gears_turn:
-            J_g1, J_g2 = (sum(gear.inertia_kgm2 for gear in vehicle.gears_on(shaft)) for shaft in (1, 2))
+            return cls(one, two, vehicle.shaft_inertia_kgm2(1), vehicle.shaft_inertia_kgm2(2))
         J_c1, J_c2 = (shaft.inertia_kgm2 for shaft in vehicle.shafts)
-        return cls(one, two, J_c1 + J_g1, J_c2 + J_g2)
+        return cls(one, two, J_c1 + one.inertia_kgm2, J_c2 + two.inertia_kgm2)

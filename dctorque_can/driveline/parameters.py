@@ -105,6 +105,10 @@ class Vehicle:
                 return gear
         raise KeyError(f"no gear {number}; the vehicle has {[g.number for g in self.gears]}")
 
+    def shaft_inertia_kgm2(self, shaft: int) -> float:
+        """Return J_c of input shaft 1 or 2 with all its gears: they turn with it, engaged or not."""
+        return self.shafts[shaft - 1].inertia_kgm2 + sum(gear.inertia_kgm2 for gear in self.gears_on(shaft))
+
     def gears_on(self, shaft: int) -> tuple[Gear, ...]:
         """Return the gears on input shaft 1 or 2, in ascending order of number."""
         return tuple(sorted((g for g in self.gears if g.shaft == shaft), key=lambda g: g.number))

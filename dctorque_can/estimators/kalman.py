@@ -37,7 +37,6 @@ from dctorque_can.estimators.kalman_model import (
     Tables,
 )
 
-NONE = -1  # the second state of a measurement that has only one
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
 _OPEN = int(ClutchPhase.OPEN)
@@ -136,7 +135,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["engine_error"] = design.engine_torque_error_nm
     t["engine_share"] = design.engine_torque_error_share
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
-    t["neutral"] = [design.synchroniser_rad_s2 * kalman_model.shaft_inertia(vehicle, i) for i in range(2)]
+    t["neutral"] = [design.synchroniser_rad_s2 * vehicle.shaft_inertia_kgm2(i) for i in (1, 2)]
     t["neutral_rate"] = t["neutral"] / design.torque_rate_time_s
     return t
 
@@ -229,12 +228,12 @@ def _advance(f: Any, tables: Tables, model: int, step: int, q: tuple[float, floa
 
 
 @compiled_without_allocation
-def measure(f: Any, i: int, j: int, z: float, variance: float) -> None:
-    """Take one measurement z of x_i, or of x_i − x_j; Joseph's form."""
+def measure(f: Any, i: int, z: float, variance: float) -> None:
+    """Take one measurement z of x_i; Joseph's form."""
     for k in range(N):
-        f.h[k] = f.P[k, i] - (f.P[k, j] if j != NONE else 0.0)
-    S = f.h[i] - (f.h[j] if j != NONE else 0.0) + variance
-    e = z - f.x[i] + (f.x[j] if j != NONE else 0.0)
+        f.h[k] = f.P[k, i]
+    S = f.h[i] + variance
+    e = z - f.x[i]
     for k in range(N):
         f.K[k] = f.h[k] / S
         f.x[k] += f.K[k] * e
@@ -242,7 +241,7 @@ def measure(f: Any, i: int, j: int, z: float, variance: float) -> None:
         for m in range(N):
             f.scratch[k, m] = f.P[k, m] - f.K[k] * f.h[m]
     for k in range(N):
-        rest = f.scratch[k, i] - (f.scratch[k, j] if j != NONE else 0.0) - variance * f.K[k]
+        rest = f.scratch[k, i] - variance * f.K[k]
         for m in range(k + 1):
             f.P[k, m] = f.scratch[k, m] - rest * f.K[m]
             f.P[m, k] = f.P[k, m]
@@ -263,7 +262,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
         f.rejected[sensor] = 0
         f.taken[sensor] += 1
         f.squares[sensor] += e * e / S
-    measure(f, i, NONE, z, variance)
+    measure(f, i, z, variance)
 
 
 @compiled_without_allocation
@@ -271,11 +270,11 @@ def apply_phases(f: Any, tuning: Any, open_1: bool, open_2: bool) -> None:
     """An open clutch carries its drag, and its torque does not change; a synchroniser has no torque for long."""
     for i in range(2):
         if f.gear[i] == 0:
-            measure(f, T_C1 + i, NONE, 0.0, _NEUTRAL_TRUST * tuning.neutral[i] ** 2)
+            measure(f, T_C1 + i, 0.0, _NEUTRAL_TRUST * tuning.neutral[i] ** 2)
         elif open_1 if i == 0 else open_2:
             drag = tuning.drag[i] * (f.x[W_D] - f.x[W_C1 + i])
-            measure(f, T_C1 + i, NONE, drag, tuning.open_torque**2)
-            measure(f, R_1 + i, NONE, 0.0, tuning.rate[_OPEN] ** 2)
+            measure(f, T_C1 + i, drag, tuning.open_torque**2)
+            measure(f, R_1 + i, 0.0, tuning.rate[_OPEN] ** 2)
 
 
 @compiled_without_allocation

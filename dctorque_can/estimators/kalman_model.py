@@ -116,7 +116,7 @@ def continuous(
     J_o = max(output.inertia_kgm2, _LEAST_INERTIA)
     for i, number in enumerate((gear1, gear2)):
         shaft = vehicle.shafts[i]
-        J = shaft_inertia(vehicle, i)
+        J = vehicle.shaft_inertia_kgm2(i + 1)
         A[W_C1 + i, T_C1 + i] = 1.0 / J
         if number == 0:
             A[W_O, T_C1 + i] = -synchroniser_ratio(vehicle, i, gear2 if i == 0 else gear1) / J_o
@@ -169,11 +169,6 @@ def synchroniser_ratio(vehicle: Vehicle, i: int, other: int) -> float:
     nearest = min((abs(gear.number - other) for gear in candidates), default=0)
     ratios = [gear.total_ratio for gear in candidates if abs(gear.number - other) == nearest]
     return float(np.mean(ratios)) if ratios else 0.0
-
-
-def shaft_inertia(vehicle: Vehicle, i: int) -> float:
-    """Return J_1 or J_2 (i = 0, 1): an input shaft with all its gears, kg·m²."""
-    return vehicle.shafts[i].inertia_kgm2 + sum(gear.inertia_kgm2 for gear in vehicle.gears_on(i + 1))
 
 
 def discrete(A: Floats, B: Floats, intensity: list[Floats]) -> list[tuple[Floats, Floats, list[Floats]]]:

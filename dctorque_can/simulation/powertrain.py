@@ -174,12 +174,7 @@ def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> P
     return Parameters(
         J_e=vehicle.engine_inertia_kgm2,
         J_d=vehicle.damper.inertia_kgm2,
-        J_shaft=np.array(
-            [
-                shaft.inertia_kgm2 + sum(gear.inertia_kgm2 for gear in vehicle.gears_on(index))
-                for index, shaft in enumerate(shafts, start=1)
-            ]
-        ),
+        J_shaft=np.array([vehicle.shaft_inertia_kgm2(shaft) for shaft in (1, 2)]),
         J_o=vehicle.output_shaft.inertia_kgm2,
         J_w=chassis.wheel_inertia_kgm2 * share,
         J_w_undriven=chassis.wheel_inertia_kgm2 * (1.0 - share),

@@ -13,8 +13,8 @@ from pydantic import BeforeValidator, Field
 
 from dctorque_can import __version__
 from dctorque_can.config.document import Document, parse
-from dctorque_can.config.load import Config, load_config
-from dctorque_can.config.problems import ConfigError, KeyPath, Problem
+from dctorque_can.config.load import Config, load_config, read_content
+from dctorque_can.config.problems import ConfigError, KeyPath
 from dctorque_can.config.section import Section, nearest, problem_order, sound_parts, validate
 from dctorque_can.resources import find_config, shipped_configs
 from dctorque_can.study.factors import FACTORS
@@ -149,14 +149,7 @@ def load_study(path: Path, overrides: Mapping[str, str] | None = None, runs: int
     Raises:
         ConfigError: with every error of the study, and of the vehicle file if that is found.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        near = sorted(str(p) for p in path.parent.glob("*.yaml")) if path.parent.is_dir() else []
-        hint = nearest(str(path), near) if near else ""
-        reason = f"cannot be read: {error.strerror}{hint}"
-        raise ConfigError([Problem(str(path), 0, "", "", reason)]) from error
-    document = parse(content, str(path))
+    document = parse(read_content(path), str(path))
     if not document.data:
         raise ConfigError(document.problems)
     plan = validate(document, (), StudySection)

@@ -94,7 +94,7 @@ def test_losses_are_against_the_flow_of_power(drives, sign):
     A, _ = model.continuous(vehicle, design, 1, 2, (drives, drives))
     for i, gear in enumerate((vehicle.gear(1), vehicle.gear(2))):
         on_output = A[State.W_O, State.TH_T1 + i] * vehicle.output_shaft.inertia_kgm2
-        on_shaft = -A[State.W_C1 + i, State.TH_T1 + i] * model.shaft_inertia(vehicle, i)
+        on_shaft = -A[State.W_C1 + i, State.TH_T1 + i] * vehicle.shaft_inertia_kgm2(i + 1)
         efficiency = vehicle.gear_efficiency * vehicle.final_drive_efficiency
         assert on_output / on_shaft == pytest.approx(gear.total_ratio * efficiency**sign)
 
@@ -104,7 +104,7 @@ def test_a_synchroniser_stands_between_shaft_and_output():
     vehicle, design = CARS["paper_car"].vehicle, CARS["paper_car"].kalman
     A, _ = model.continuous(vehicle, design, 0, 2, (True, True))
     ratio = np.mean([vehicle.gear(number).total_ratio for number in (1, 3)])  # both neighbours of second gear
-    assert A[State.W_C1, State.T_C1] * model.shaft_inertia(vehicle, 0) == pytest.approx(1.0)
+    assert A[State.W_C1, State.T_C1] * vehicle.shaft_inertia_kgm2(1) == pytest.approx(1.0)
     assert A[State.W_O, State.T_C1] * vehicle.output_shaft.inertia_kgm2 == pytest.approx(-ratio)
     assert A[State.W_D, State.T_C1] == 0.0
     assert A[State.W_D, State.T_C2] * vehicle.damper.inertia_kgm2 == pytest.approx(-1.0)
