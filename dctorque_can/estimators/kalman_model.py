@@ -74,9 +74,10 @@ class Tables(NamedTuple):
             Row + 2·(shaft 1 drives) + (shaft 2 drives) is the model.
         phi: F ``[rows, steps, N, N]``.
         input: response to T_en ``[rows, steps, N]``.
-        noise: Q ``[rows, steps, N, N]`` of everything but the next three.
+        noise: Q ``[rows, steps, N, N]`` of everything but the next five.
         noise_1: … of the rate of T_c1, per unit variance of the rate.
         noise_2: … of the rate of T_c2.
+        noise_x: … of T_x, per unit intensity.
         noise_v: … of T_v, per unit intensity.
         noise_e: … of ΔT_e, per unit variance.
         output: T_o as a combination of the states ``[N]``.
@@ -88,6 +89,7 @@ class Tables(NamedTuple):
     noise: Floats
     noise_1: Floats
     noise_2: Floats
+    noise_x: Floats
     noise_v: Floats
     noise_e: Floats
     output: Floats
@@ -124,7 +126,7 @@ def continuous(
             continue
         A[W_D, T_C1 + i] = -1.0 / damper.inertia_kgm2
         gear = vehicle.gear(number)
-        arm_in, arm_out = _arms(vehicle, gear, drives[i])
+        arm_in, arm_out = arms(vehicle, gear, drives[i])
         T_t = np.zeros(N)
         T_t[TH_T1 + i] = shaft.transfer_stiffness_nm_per_rad
         T_t[W_C1 + i] = shaft.transfer_damping_nms_per_rad / gear.ratio
@@ -148,7 +150,7 @@ def continuous(
     return A, T_o
 
 
-def _arms(vehicle: Vehicle, gear: Gear, drives: bool) -> tuple[float, float]:
+def arms(vehicle: Vehicle, gear: Gear, drives: bool) -> tuple[float, float]:
     """Return the lever arms of a transfer shaft's torque on its input shaft and on the output shaft."""
     if drives:
         return 1.0 / (gear.ratio * vehicle.gear_efficiency), gear.final_drive * vehicle.final_drive_efficiency
@@ -159,7 +161,6 @@ def intensities(design: KalmanDesign) -> Floats:
     """Return the intensity ``[N, N]`` of the white noise that always acts."""
     q = np.zeros(N)
     q[[W_E, W_D, W_C1, W_C2]] = design.unmodelled_rad_s_per_sqrt_s**2
-    q[T_X] = design.tyre_torque_rate_nm_per_sqrt_s**2
     return np.diag(q)
 
 
@@ -215,18 +216,18 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool
         pairs = []
     rows, steps = 4 * len(pairs), len(STEPS_US)
     row = np.full((table_size, table_size), -1, np.int64)
-    matrices = [np.zeros((rows, steps, N, N)) for _ in range(6)]
+    matrices = [np.zeros((rows, steps, N, N)) for _ in range(7)]
     response = np.zeros((rows, steps, N))
     B = np.zeros(N)
     B[W_E] = 1.0 / vehicle.engine_inertia_kgm2
-    rate_1, rate_2, load, engine = (np.zeros((N, N)) for _ in range(4))
+    rate_1, rate_2, tyre, load, engine = (np.zeros((N, N)) for _ in range(5))
     rate_1[R_1, R_1] = rate_2[R_2, R_2] = 2.0 / design.torque_rate_time_s
-    load[T_V, T_V] = 1.0
+    tyre[T_X, T_X] = load[T_V, T_V] = 1.0
     engine[DT_E, DT_E] = 2.0 / design.engine_torque_error_time_s
     T_o = np.zeros(N)
     for first, (gear1, gear2) in zip(range(0, rows, 4), pairs, strict=True):
         row[gear1 + 1, gear2 + 1] = first
-        noises = [intensities(design), rate_1, rate_2, load, engine]
+        noises = [intensities(design), rate_1, rate_2, tyre, load, engine]
         for drives in product((False, True), repeat=2):
             k = first + 2 * drives[0] + drives[1]
             A, T_o = continuous(vehicle, design, gear1, gear2, (drives[0], drives[1]))
@@ -234,5 +235,5 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool
                 response[k, step] = b
                 for matrix, value in zip(matrices, (F, *Q), strict=True):
                     matrix[k, step] = value
-    phi, noise, noise_1, noise_2, noise_v, noise_e = matrices
-    return Tables(row, phi, response, noise, noise_1, noise_2, noise_v, noise_e, T_o)
+    phi, noise, noise_1, noise_2, noise_x, noise_v, noise_e = matrices
+    return Tables(row, phi, response, noise, noise_1, noise_2, noise_x, noise_v, noise_e, T_o)

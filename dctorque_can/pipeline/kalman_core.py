@@ -7,7 +7,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman, oh2014
+from dctorque_can.estimators import kalman, kalman_gearbox, oh2014
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.estimators.kalman_model import W_B, W_C1, W_E, W_W, N
 from dctorque_can.pipeline.decisions import (
@@ -41,13 +41,12 @@ def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     """Let one whole frame take effect at the time of the grid."""
     f, tuning, tables = k.state[0], k.tuning[0], k.tables
     phase_1, phase_2 = phase_of(core, 0), phase_of(core, 1)
-    held = braking(core) or abs(f.x[W_B]) < oh2014.STANDSTILL
-    load_rate = tuning.held_load if held else tuning.road_load
-    kalman.predict(f, tables, tuning, phase_1, phase_2, load_rate * load_rate, core.t_us)
+    stands = abs(f.x[W_B]) < oh2014.STANDSTILL
+    kalman.predict(f, tables, tuning, phase_1, phase_2, braking(core), stands, core.t_us)
     if core.fresh[ENGINE_TORQUE]:
         kalman.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
-    kalman.change_gears(f, tuning, core.gear[0], core.gear[1])
-    kalman.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
+    kalman_gearbox.change_gears(f, tuning, core.gear[0], core.gear[1])
+    kalman_gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
     if core.fresh[ENGINE_SPEED]:
         kalman.measure_gated(f, tuning, _ENGINE, W_E, core.value[ENGINE_SPEED], tuning.engine_variance)
     for i in range(2):
@@ -57,8 +56,8 @@ def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     rear = W_B if rules.driven_axle == DrivenAxle.FRONT else W_W
     measure_axle(core, f, tuning, WHEEL, front)
     measure_axle(core, f, tuning, _REAR_WHEEL, rear)
-    kalman.decide_directions(f, phase_1 == _OPEN, phase_2 == _OPEN)
-    kalman.conclude(f, tables, tuning)
+    kalman_gearbox.decide_directions(f, tuning, phase_1, phase_2)
+    kalman_gearbox.conclude(f, tables, tuning)
 
 
 @compiled_without_allocation

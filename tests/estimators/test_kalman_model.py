@@ -136,7 +136,7 @@ def test_two_steps_are_one_of_twice_the_length(car):
             np.testing.assert_allclose(t.phi[k, step], F @ F, atol=1e-9 * np.abs(F).max() ** 2)
             b = t.input[k, step + 1]
             np.testing.assert_allclose(t.input[k, step], F @ b + b, rtol=1e-9, atol=1e-12)
-            for noise in (t.noise, t.noise_1, t.noise_2, t.noise_v, t.noise_e):
+            for noise in (t.noise, t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e):
                 Q = noise[k, step + 1]
                 np.testing.assert_allclose(
                     noise[k, step], F @ Q @ F.T + Q, rtol=1e-7, atol=1e-9 * np.abs(noise[k, step]).max()
