@@ -204,8 +204,8 @@ class KalmanSection(Section):
     """Acceleration that a synchroniser gives to an input shaft in neutral, rad/s²."""
     gate_sigma: Annotated[float, Field(ge=3, le=1000)] = 5.0
     """A speed further from its prediction is not believed, in standard deviations."""
-    gate_patience: Annotated[int, Field(ge=0, le=1000)] = 10
-    """… until so many samples in a row are not."""
+    gate_patience_s: Annotated[float, Field(ge=0.02, le=60)] = 0.5
+    """… unless it moves as a shaft can, or has been there for so long, s."""
 
     def build(self) -> KalmanDesign:
         """Return the design as the estimator knows it."""

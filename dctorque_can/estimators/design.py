@@ -71,4 +71,4 @@ class KalmanDesign:
     unmodelled_rad_s_per_sqrt_s: float  # what engine and shafts do beside the model
     synchroniser_rad_s2: float  # acceleration of a shaft in neutral
     gate_sigma: float  # a speed further from its prediction is not believed
-    gate_patience: int  # … until so many samples in a row are
+    gate_patience_s: float  # … until it has been so for this long

@@ -7,6 +7,7 @@ rad/s, torques in N·m.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,8 +45,9 @@ from dctorque_can.estimators.kalman_noise import (
 
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
-_OPEN = int(ClutchPhase.OPEN)
+_OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
+_SIGNALS = 6  # … and the nominal engine torque
 
 FILTER = np.dtype(
     [
@@ -64,7 +66,15 @@ FILTER = np.dtype(
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
         ("gear", "i8", (2,)),
         ("drives", "u1", (2,)),  # direction of the losses
-        ("rejected", "i8", (_SENSORS,)),  # measurements in a row beyond the gate
+        ("running", "u1"),
+        ("reset_us", "i8"),  # when it was started
+        ("fault", "u1", (_SIGNALS,)),  # `kalman_faults.SensorFault`
+        ("fault_us", "i8", (_SIGNALS,)),  # since when
+        ("rejected", "i8", (_SENSORS,)),  # measurements in a row that were not believed
+        ("last", "f8", (_SENSORS,)),  # last measurement
+        ("repeats", "i8", (_SENSORS,)),  # for how many measurements it has been the very same
+        ("repeat_from", "f8", (_SENSORS,)),  # … and what was predicted for the first of them
+        ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
         ("taken", "i8", (_SENSORS,)),  # measurements within the gate since the start
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
         ("T_c1", "f8"),
@@ -133,8 +143,13 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(N):
         f.rate[i] = 0.0
     for i in range(_SENSORS):
-        f.rejected[i] = f.taken[i] = 0
+        f.rejected[i] = f.taken[i] = f.repeats[i] = 0
+        f.last[i] = math.nan
         f.squares[i] = 0.0
+    for i in range(_SIGNALS):
+        f.fault[i] = 0
+    f.running = True
+    f.reset_us = f.t_us
 
 
 @compiled_without_allocation
@@ -143,6 +158,12 @@ def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
     f.P[DT_E, DT_E] += (tuning.engine_share * (T_en - f.T_en)) ** 2
     f.P[W_E, W_E] += (tuning.engine_delay * (T_en - f.T_en)) ** 2
     f.T_en = T_en
+
+
+@compiled_without_allocation
+def let_engine_torque_age(f: Any, tuning: Any, seconds: float) -> None:
+    """Let time pass without a new nominal engine torque: it may have changed as fast as a locked clutch's."""
+    f.P[DT_E, DT_E] += 2.0 * tuning.rate_time * tuning.rate[_LOCKED] ** 2 * seconds
 
 
 @compiled_without_allocation
@@ -211,24 +232,6 @@ def measure(f: Any, i: int, z: float, variance: float) -> None:
         for m in range(k + 1):
             f.P[k, m] = f.scratch[k, m] - rest * f.K[m]
             f.P[m, k] = f.P[k, m]
-
-
-@compiled_without_allocation
-def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: float) -> None:
-    """Take a speed unless it is beyond the gate; one that stays there is right, and the state is opened to it."""
-    e = z - f.x[i]
-    variance += (tuning.timing_error * f.rate[i]) ** 2
-    S = f.P[i, i] + variance
-    if e * e > tuning.gate * S:
-        f.rejected[sensor] += 1
-        if f.rejected[sensor] <= tuning.patience:
-            return
-        f.P[i, i] += e * e
-    else:
-        f.rejected[sensor] = 0
-        f.taken[sensor] += 1
-        f.squares[sensor] += e * e / S
-    measure(f, i, z, variance)
 
 
 @compiled_without_allocation

@@ -30,7 +30,7 @@ TUNING = np.dtype(
         ("wheel_variance", "f8"),
         ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
         ("gate", "f8"),  # largest normalised innovation squared that is believed
-        ("patience", "i8"),  # … until so many in a row are not
+        ("patience_us", "i8"),  # … until one has not been for so long
         ("engine_error", "f8"),  # N·m, at no torque
         ("engine_share", "f8"),  # … and by how much it grows with the torque
         ("engine_delay", "f8"),  # rad/s per N·m, what a change that comes late does to the engine speed
@@ -62,7 +62,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["shaft_variance"] = design.shaft_speed_noise_rad_s**2
     t["wheel_variance"] = design.wheel_speed_noise_rad_s**2
     t["gate"] = design.gate_sigma**2
-    t["patience"] = design.gate_patience
+    t["patience_us"] = round(design.gate_patience_s * 1e6)
     t["timing_error"] = design.timing_error_s
     t["engine_error"] = design.engine_torque_error_nm
     t["engine_share"] = design.engine_torque_error_share

@@ -30,7 +30,7 @@ from dctorque_can.pipeline.decisions import (
     wheel_speeds,
     wheels_in_use,
 )
-from dctorque_can.pipeline.kalman_core import act_kalman, kalman_finite, start_kalman
+from dctorque_can.pipeline.kalman_core import act_kalman, engine_speed, kalman_finite, stand_in_for_shafts
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
 
@@ -41,11 +41,9 @@ _OUT_OF_RANGE = int(SampleStatus.OUT_OF_RANGE)
 
 
 @compiled_without_allocation
-def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any, k: Kalman) -> None:
-    """Start the estimators at the present measurements."""
+def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any) -> None:
+    """Start the observer at the present measurements."""
     _, _, _, w_w, _ = wheel_speeds(core, rules)
-    if rules.method == Method.KALMAN:
-        start_kalman(core, k, w_w)
     for i in range(2):
         core.w_c[i] = core.w_c_last[i] = core.value[SPEED_1 + i]
         core.shaft_us[i] = core.t_us
@@ -144,12 +142,17 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, k: Kalman
         if core.fresh[SPEED_1 + i]:
             core.w_c[i] = core.value[SPEED_1 + i]
     decide_gears(core, rules, c)
-    decide_phases(core, rules, s.w_e if core.running else core.value[ENGINE_SPEED])
+    if rules.method == Method.KALMAN:
+        stand_in_for_shafts(core, rules, k.state[0])
+        decide_phases(core, rules, engine_speed(core, k.state[0]))
+        act_kalman(core, rules, k)
+    else:
+        decide_phases(core, rules, s.w_e if core.running else core.value[ENGINE_SPEED])
     if not inputs_complete(core, rules):
         core.running = False  # held: the torques stay as they are until the inputs are back
         return
     if not core.running:
-        restart(core, rules, s, c, pair, k)
+        restart(core, rules, s, c, pair)
     take_gears(core, s, c, pair)
     fits = speeds_fit(core, rules, pair)
     may_1, may_2 = pair.g1 != 0 and bool(core.closed[0]), pair.g2 != 0 and bool(core.closed[1])
@@ -168,8 +171,6 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, k: Kalman
     if fits and oh2014.learn_road_load(s, c, pair, may_1, may_2, elapsed_us * 1e-6):
         core.learned_us += elapsed_us
     core.settled_us = core.t_us
-    if rules.method == Method.KALMAN:
-        act_kalman(core, rules, k)
 
 
 @compiled_without_allocation
@@ -289,6 +290,7 @@ def run(
             health.numeric_resets += 1
             oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
             kalman.start(f, kalman_filter.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
+            f.running = False
         if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us
             publish(core, rules, s, c, pair, f, rows[n_rows])

@@ -24,6 +24,13 @@ class Status(IntFlag):
     INPUT_STALE = 128  # an input is older than its timeout, or a required one was never there
     SPEED_IMPLAUSIBLE = 256  # e.g. shaft speed does not fit gear and wheel speed
     LIMITED = 512  # an estimate hit its plausibility limit
+    # the Kalman estimator does without a signal: it is missing, stuck, biased, or jumps
+    ENGINE_SPEED_FAULT = 1 << 16
+    SHAFT1_SPEED_FAULT = 1 << 17
+    SHAFT2_SPEED_FAULT = 1 << 18
+    DRIVEN_WHEELS_FAULT = 1 << 19
+    UNDRIVEN_WHEELS_FAULT = 1 << 20
+    ENGINE_TORQUE_FAULT = 1 << 21
 
 
 ESTIMATE = np.dtype(
