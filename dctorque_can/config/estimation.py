@@ -186,8 +186,8 @@ class KalmanSection(Section):
     """How fast grade, wind and load change at the wheel, N·m/√s."""
     held_load_rate_nm_per_sqrt_s: Rate = 3000.0
     """The same while the car stands or brakes, N·m/√s."""
-    tyre_torque_share: Annotated[float, Field(gt=0, le=10)] = 0.25
-    """How fast the torque between tyres and road changes, as a share of the clutch torques' rate at the wheel."""
+    tyre_torque_share: Annotated[float, Field(gt=0, le=10)] = 0.05
+    """What the tyres' torque does beside following the clutches, as a share of their rate at the wheel."""
     parameter_error_share: Annotated[float, Field(ge=0, le=1)] = 0.2
     """Error of mass, inertias and stiffnesses together, as a share."""
     engine_torque_error_nm: Annotated[float, Field(gt=0, le=1000)] = 3.0

@@ -47,7 +47,8 @@ FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
 _OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
-_SIGNALS = 6  # … and the nominal engine torque
+_SPEEDS = 7  # … with each wheel for itself
+_SIGNALS = 6  # the sensors and the nominal engine torque
 
 FILTER = np.dtype(
     [
@@ -71,9 +72,13 @@ FILTER = np.dtype(
         ("fault", "u1", (_SIGNALS,)),  # `kalman_faults.SensorFault`
         ("fault_us", "i8", (_SIGNALS,)),  # since when
         ("rejected", "i8", (_SENSORS,)),  # measurements in a row that were not believed
-        ("last", "f8", (_SENSORS,)),  # last measurement
-        ("repeats", "i8", (_SENSORS,)),  # for how many measurements it has been the very same
-        ("repeat_from", "f8", (_SENSORS,)),  # … and what was predicted for the first of them
+        ("last", "f8", (_SPEEDS,)),  # last measurement, wheels apart
+        ("repeats", "i8", (_SPEEDS,)),  # for how many measurements it has been the very same
+        ("repeat_from", "f8", (_SPEEDS,)),  # … and what was predicted for the first of them
+        ("repeat_share", "f8", (_SPEEDS,)),  # how often it repeats itself otherwise
+        ("spread", "f8", (2,)),  # rad/s, left less right wheel of the front and of the rear axle
+        ("spread_known", "u1", (2,)),
+        ("spread_us", "i8", (2,)),  # when it was last found as usual
         ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
         ("taken", "i8", (_SENSORS,)),  # measurements within the gate since the start
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
@@ -143,9 +148,12 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(N):
         f.rate[i] = 0.0
     for i in range(_SENSORS):
-        f.rejected[i] = f.taken[i] = f.repeats[i] = 0
-        f.last[i] = math.nan
+        f.rejected[i] = f.taken[i] = 0
         f.squares[i] = 0.0
+    for i in range(_SPEEDS):
+        f.repeats[i] = 0
+        f.last[i], f.repeat_share[i] = math.nan, 0.5
+    f.spread_known[0] = f.spread_known[1] = False
     for i in range(_SIGNALS):
         f.fault[i] = 0
     f.running = True

@@ -5,6 +5,7 @@ A shaft has inertia: it neither jumps nor stands still while its neighbours turn
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import Any
 
@@ -24,26 +25,45 @@ class SensorFault(IntEnum):
     MISSING = 4  # no value for longer than its timeout
 
 
-_SPIKE, _STUCK, _BIASED = int(SensorFault.SPIKE), int(SensorFault.STUCK), int(SensorFault.BIASED)
+_SPIKE, _BIASED = int(SensorFault.SPIKE), int(SensorFault.BIASED)
 _SLIPPING = int(ClutchPhase.SLIPPING)
 _ENGINE = 0
 _MOVED = 4.0  # standard deviations by which a prediction must leave a value that is repeated
+_TURNS = 1.0  # rad/s; slower speeds are told as zero
+_CHANCE = 1e-6
+_LEAST_SHARE = 0.2
+_RISING, _FALLING = 0.1, 0.005  # per change: what was learned at a constant speed is kept through faster ones
+_LONGEST_RUN = 50  # longer ones teach nothing
+_LARGEST_JUMP = 0.2  # rad/s between two wheels of an axle from sample to sample, in a change of lane
+_SPREAD_PER_US = 1e-6 / 0.5  # that difference is learned within half a second
+_FIRST_WHEEL = 3
+_TELLING_REPEATS = 3
 _NOISE_OF_CHANGE = 9.0  # three standard deviations, squared, of a difference of innovations
 _MOTION = 3  # measurements that must lie on one line to be a motion
 
 
 @compiled_without_allocation
-def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: float) -> None:
+def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: float, free: bool) -> None:
     """Take a speed z of x_i unless its sensor is at fault.
 
     Beyond the gate it is one, unless the last measurements move smoothly (something moves the shaft that the model
     does not know of), or have been there for the patience of the gate: then the state is opened to them.
+
+    Args:
+        f: `kalman.FILTER`.
+        tuning: `kalman_tuning.TUNING`.
+        sensor: 0 engine, 1 and 2 input shafts, 3 driven and 4 undriven wheels.
+        i: state.
+        z: measurement, rad/s.
+        variance: of it, (rad/s)².
+        free: a synchroniser may do anything to the shaft.
     """
     e = z - f.x[i]
     variance += (tuning.timing_error * f.rate[i]) ** 2
     S = f.P[i, i] + variance
-    if is_stuck(f, sensor, z, f.x[i], S):
-        blame(f, sensor, _STUCK)
+    if free and e * e > tuning.gate * S:
+        f.P[i, i] += e * e
+        measure(f, i, z, variance)
         return
     if e * e <= tuning.gate * S:
         f.fault[sensor] = f.rejected[sensor] = 0
@@ -71,14 +91,50 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
 
 
 @compiled_without_allocation
-def is_stuck(f: Any, sensor: int, z: float, predicted: float, S: float) -> bool:
-    """Return whether a value is repeated although the prediction has left it."""
-    if z != f.last[sensor]:
-        f.last[sensor], f.repeats[sensor], f.repeat_from[sensor] = z, 0, predicted
+def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float) -> bool:
+    """Return whether a value is repeated although the shaft turns faster or slower, or far too often.
+
+    How often a sound sensor repeats itself while it turns, by its resolution or as its message is the faster, is
+    learned; that many repetitions in a row must be less likely than `_CHANCE`.
+
+    Signals are the engine, both shafts, and the wheels FL, FR, RL, RR.
+    """
+    if z != f.last[signal]:
+        if abs(z) > _TURNS and f.repeats[signal] < _LONGEST_RUN:
+            change = f.repeats[signal] / (f.repeats[signal] + 1.0) - f.repeat_share[signal]
+            f.repeat_share[signal] += (_RISING if change > 0.0 else _FALLING) * change
+        f.last[signal], f.repeats[signal], f.repeat_from[signal] = z, 0, f.x[i]
         return False
-    f.repeats[sensor] += 1
-    moved = predicted - f.repeat_from[sensor]
-    return bool(moved * moved > _MOVED * _MOVED * S)
+    f.repeats[signal] += 1
+    if abs(z) <= _TURNS:
+        return False
+    moved = f.x[i] - f.repeat_from[signal]
+    S = f.P[i, i] + variance + (tuning.timing_error * f.rate[i]) ** 2
+    likely = max(f.repeat_share[signal], _LEAST_SHARE) ** f.repeats[signal]
+    return bool(moved * moved > _MOVED * _MOVED * S or likely < _CHANCE)
+
+
+@compiled_without_allocation
+def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float) -> int:
+    """Return which wheel of an axle has left the other: 0 none, 1 left, 2 right.
+
+    The wheels differ in bends and by their tyres, and that changes slowly. When it jumps, or one wheel stays behind,
+    the odd one is the one that repeats itself, else the one that is further from the prediction; but what lasts for
+    the patience of the gate is how the wheels differ now.
+    """
+    usual = f.spread[axle]
+    change = (left - right) - usual
+    if not f.spread_known[axle] or f.t_us - f.spread_us[axle] > tuning.patience_us:
+        f.spread[axle], f.spread_known[axle], f.spread_us[axle] = left - right, True, f.t_us
+        return 0
+    if abs(change) <= _LARGEST_JUMP + math.sqrt(2.0 * tuning.gate * tuning.wheel_variance):
+        f.spread[axle] += min((f.t_us - f.spread_us[axle]) * _SPREAD_PER_US, 1.0) * change
+        f.spread_us[axle] = f.t_us
+        return 0
+    repeats = f.repeats[_FIRST_WHEEL + 2 * axle] - f.repeats[_FIRST_WHEEL + 2 * axle + 1]
+    if abs(repeats) >= _TELLING_REPEATS:
+        return 1 if repeats > 0 else 2
+    return 1 if abs(left - 0.5 * usual - f.x[i]) > abs(right + 0.5 * usual - f.x[i]) else 2
 
 
 @compiled_without_allocation

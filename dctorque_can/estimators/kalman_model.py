@@ -8,10 +8,11 @@ Here are its matrices and their exact discretisation on a ladder of steps, all m
     J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_o     T_o = k_o θ_o + b_o (ω_o − ω_w)          (14), (17)
     J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
 
-T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it); nothing is assumed of
-the tyre but that T_x changes at a bounded rate. Clutch torques have rates r_i that forget within
-``torque_rate_time_s``. A shaft in neutral has an open clutch and perhaps a synchroniser: there the state T_ci is
-the torque between shaft and output shaft, J_i ω̇_ci = T_ci and −R T_ci on the output shaft.
+T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it). Nothing is assumed of
+the tyre but that it carries what the clutches' torques change: Ṫ_x = Σ η i_ti i_fi r_i + noise. The rates r_i of
+the clutch torques forget within ``torque_rate_time_s``. A shaft in neutral has an open clutch and perhaps a
+synchroniser: there the state T_ci is the torque between shaft and output shaft, J_i ω̇_ci = T_ci and −R T_ci on the
+output shaft.
 
 SI units: rad/s, rad, N·m, kg·m².
 """
@@ -133,6 +134,7 @@ def continuous(
         T_t[W_O] = -shaft.transfer_damping_nms_per_rad * gear.final_drive
         A[W_C1 + i] -= arm_in * T_t / J  # (12), (13)
         A[W_O] += arm_out * T_t / J_o  # (14)
+        A[T_X, R_1 + i] = arm_out / arm_in
         A[TH_T1 + i, [W_C1 + i, W_O]] = 1.0 / gear.ratio, -gear.final_drive
     T_o = np.zeros(N)
     T_o[[TH_O, W_O, W_W]] = output.stiffness_nm_per_rad, output.damping_nms_per_rad, -output.damping_nms_per_rad

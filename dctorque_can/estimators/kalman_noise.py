@@ -52,7 +52,8 @@ def process_noise(
 ) -> tuple[float, float, float, float, float]:
     """Return the factors of the five noises of `Tables`: variances of r_1 and r_2, T_x and T_v in (N·m)²/s, ΔT_e.
 
-    The tyres follow the clutches through the gears; a share of that is their own, and the driven wheels' brakes.
+    By the model the tyres follow the clutches through the gears; on top come a share of that rate,
+    and the driven wheels' brakes.
     """
     wheel_rate = 0.0
     for i in range(2):

@@ -18,7 +18,6 @@ from dctorque_can.pipeline.decisions import (
     GEAR_1,
     SPEED_1,
     WHEEL,
-    axle_speed,
     braking,
     usable,
     wheel_speeds,
@@ -26,10 +25,11 @@ from dctorque_can.pipeline.decisions import (
 from dctorque_can.pipeline.settings import DrivenAxle
 
 BRIDGED_US = 500_000  # for so long the model stands in for an input that is missing
+SAME_TIME_US = 25_000  # apart, two wheels of an axle can still be compared
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
 _REAR_WHEEL = WHEEL + 2
 _OPEN = int(ClutchPhase.OPEN)
-_MISSING, _BIASED, _NONE = int(SensorFault.MISSING), int(SensorFault.BIASED), int(SensorFault.NONE)
+_NONE, _SPIKE, _STUCK, _BIASED, _MISSING = (int(fault) for fault in SensorFault)
 _IMPLAUSIBLE_TORQUE = 4.0  # standard deviations of the nominal engine torque's error
 
 
@@ -105,9 +105,11 @@ def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     take_torque(core, f, tuning, (f.t_us - before_us) * 1e-6)
     kalman_gearbox.change_gears(f, tuning, core.gear[0], core.gear[1])
     kalman_gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
-    measure_speed(core, rules, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.engine_variance)
+    measure_speed(core, rules, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.engine_variance, False)
     for i in range(2):
-        measure_speed(core, rules, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, tuning.shaft_variance)
+        measure_speed(
+            core, rules, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, tuning.shaft_variance, core.gear[i] == 0
+        )
     rear = rules.driven_axle == DrivenAxle.REAR
     measure_axle(core, f, tuning, WHEEL, not rear, _UNDRIVEN if rear else _DRIVEN)
     measure_axle(
@@ -141,25 +143,55 @@ def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
 
 @compiled_without_allocation
 def measure_speed(
-    core: Any, rules: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int, variance: float
+    core: Any, rules: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int, variance: float, free: bool
 ) -> None:
-    """Take a speed that is new; say when it has been missing."""
+    """Take a speed that is new; say when it has been missing or is stuck."""
+    z = core.value[quantity]
     if core.fresh[quantity]:
-        kalman_faults.measure_gated(f, tuning, sensor, state, core.value[quantity], variance)
+        if kalman_faults.is_stuck(f, tuning, sensor, state, z, variance):
+            kalman_faults.blame(f, sensor, _STUCK)
+        else:
+            kalman_faults.measure_gated(f, tuning, sensor, state, z, variance, free)
     elif core.stale[quantity] and rules.mapped[quantity]:
         kalman_faults.blame(f, sensor, _MISSING)
 
 
 @compiled_without_allocation
+def near_in_time(core: Any, left: int) -> bool:
+    """Return whether the wheels of an axle, in messages of their own, have been seen at nearly the same time."""
+    both = usable(core, left) and usable(core, left + 1)
+    return both and abs(core.seen_us[left] - core.seen_us[left + 1]) <= SAME_TIME_US
+
+
+@compiled_without_allocation
 def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor: int) -> None:
-    """Take the mean of an axle's wheels when one of them is new."""
-    known, speed = axle_speed(core, left)
-    if known and (core.fresh[left] or core.fresh[left + 1]):
-        wheels = 2.0 if usable(core, left) and usable(core, left + 1) else 1.0
-        state = W_W if driven else W_B
-        kalman_faults.measure_gated(f, tuning, sensor, state, speed, tuning.wheel_variance / wheels)
-    elif not known and (core.stale[left] or core.stale[left + 1]):
-        kalman_faults.blame(f, sensor, _MISSING)
+    """Take the new wheel speeds of an axle: their mean, or one corrected for its usual distance from the other."""
+    state, axle = W_W if driven else W_B, (left - WHEEL) // 2
+    there_l, there_r = bool(core.fresh[left]), bool(core.fresh[left + 1])
+    if not there_l and not there_r:
+        if core.stale[left] or core.stale[left + 1]:
+            kalman_faults.blame(f, sensor, _MISSING)
+        return
+    w_l, w_r, fault = core.value[left], core.value[left + 1], 0
+    signal, variance = _SHAFT + 2 + left - WHEEL, tuning.wheel_variance
+    if there_l and kalman_faults.is_stuck(f, tuning, signal, state, w_l, variance):
+        there_l, fault = False, _STUCK
+    if there_r and kalman_faults.is_stuck(f, tuning, signal + 1, state, w_r, variance):
+        there_r, fault = False, _STUCK
+    together = there_l and there_r
+    if together or ((there_l or there_r) and near_in_time(core, left)):
+        odd = kalman_faults.odd_wheel(f, tuning, axle, state, w_l, w_r)
+        there_l, there_r = there_l and odd != 1, there_r and odd != 2
+        fault = _SPIKE if odd != 0 else 0
+    usual = 0.5 * f.spread[axle] if f.spread_known[axle] else 0.0
+    if there_l and there_r:
+        kalman_faults.measure_gated(f, tuning, sensor, state, 0.5 * (w_l + w_r), 0.5 * variance, False)
+    elif there_l:
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance, False)
+    elif there_r:
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance, False)
+    if fault != 0:
+        kalman_faults.blame(f, sensor, fault)
 
 
 @compiled_without_allocation
