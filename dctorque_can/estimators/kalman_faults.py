@@ -118,8 +118,8 @@ def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float
 def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float) -> int:
     """Return which wheel of an axle has left the other: 0 none, 1 left, 2 right.
 
-    The wheels differ in bends and by their tyres, and that changes slowly. When it jumps, or one wheel stays behind,
-    the odd one is the one that repeats itself, else the one that is further from the prediction; but what lasts for
+    The wheels differ in bends and by their tyres, and that changes slowly. When it jumps, or one wheel falls behind,
+    the odd one is the one that repeats itself, else the one further from the prediction; but what lasts for
     the patience of the gate is how the wheels differ now.
     """
     usual = f.spread[axle]
