@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman_model
+from dctorque_can.estimators import kalman_model, tape
 from dctorque_can.estimators.design import KalmanDesign
 from dctorque_can.estimators.kalman_model import (
     DT_E,
@@ -68,6 +68,7 @@ FILTER = np.dtype(
         ("sigma_o", "f8"),
         ("correlation", "f8"),
         ("T_o", "f8"),
+        ("tape", tape.TAPE),  # for smoothing a log; the last, and else never touched
     ],
     align=True,
 )
@@ -143,6 +144,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
 @compiled_without_allocation
 def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T_en: float) -> None:
     """Start at the measured speeds; the torques are unknown."""
+    tape.started(f.tape)
     for i in range(N):
         f.x[i] = 0.0
         for j in range(N):
@@ -202,6 +204,7 @@ def predict(f: Any, tables: Tables, tuning: Any, phase_1: int, phase_2: int, q_v
 @compiled_without_allocation
 def _advance(f: Any, tables: Tables, model: int, step: int, q: tuple[float, float, float, float]) -> None:
     """x ← F x + b T_en, P ← F P Fᵀ + Q, with the variances of both clutches' rates, T_v and ΔT_e."""
+    tape.predicted(f.tape, model, step)
     phi, per_s = tables.phi, 1e6 / _STEPS[step]
     for i in range(N):
         f.h[i] = tables.input[model, step, i] * f.T_en
@@ -237,6 +240,7 @@ def measure(f: Any, i: int, z: float, variance: float) -> None:
     for k in range(N):
         f.K[k] = f.h[k] / S
         f.x[k] += f.K[k] * e
+    tape.measured(f, i, S, e)
     for k in range(N):
         for m in range(N):
             f.scratch[k, m] = f.P[k, m] - f.K[k] * f.h[m]
@@ -311,6 +315,7 @@ def change_gears(f: Any, tuning: Any, g1: int, g2: int) -> None:
 
 @compiled_without_allocation
 def _forget(f: Any, i: int, value: float, variance: float) -> None:
+    tape.forgotten(f.tape, i)
     f.x[i] = value
     for k in range(N):
         f.P[i, k] = 0.0
