@@ -1,16 +1,16 @@
 """A fixed-interval smoother: what a whole log says of each moment, by the very model of the filter.
 
-The filter goes forward and leaves a tape (`tape`) of its operations; `go_back` follows it from the end with the adjoint
-state λ and its information Λ. An estimate x with covariance P becomes x − P λ with P − P Λ P. This is the smoother of
-Bryson and Frazier in Bierman's form, which inverts no covariance and takes scalar measurements one by one:
+The filter goes forward and leaves a tape (`tape`) of its operations; `go_back` follows it from the end with the
+adjoint state λ and its information Λ. An estimate x with covariance P becomes x − P λ with P − P Λ P. This is the
+smoother of Bryson and Frazier in Bierman's form, which inverts no covariance and takes measurements one by one:
 
     measurement of x_i, gain K:  C = 1 − K e_iᵀ    Λ ← Cᵀ Λ C + e_i e_iᵀ/S    λ ← Cᵀ λ − e_i e/S
     prediction by F:             Λ ← Fᵀ Λ F        λ ← Fᵀ λ
     x_i replaced:                row and column i of Λ, and λ_i, become zero
 
-A. E. Bryson and M. Frazier, "Smoothing for linear and nonlinear dynamic systems", Proc. Optimum System Synthesis Conf.,
-USAF Tech. Rep. ASD-TDR-63-119 (1963), 353-364; G. J. Bierman, "Fixed interval smoothing with discrete measurements",
-Int. J. Control 18 (1973), 65-75, doi:10.1080/00207177308932487.
+A. E. Bryson and M. Frazier, "Smoothing for linear and nonlinear dynamic systems", Proc. Optimum System Synthesis
+Conference, Wright-Patterson AFB, ASD-TDR-63-119 (1963), 353-364. G. J. Bierman, "Fixed interval smoothing with
+discrete measurements", International Journal of Control 18 (1973), 65-75.
 """
 
 from __future__ import annotations

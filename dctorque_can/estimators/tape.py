@@ -1,7 +1,7 @@
 """What the filter did to its state, written down for the smoother that goes back over it (`smoother`).
 
-Only with the switch ``on`` anything is written; the filter of a car never turns it on, and the memory of the tape is
-then never touched. Noise that was only added to the covariance needs no word: going back it changes nothing.
+Only with the switch ``on`` anything is written; the filter of a car never turns it on, and the memory of the tape
+is then never touched. Noise that was only added to the covariance needs no word: going back it changes nothing.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import kalman, oh2014, oh2014_model
 from dctorque_can.estimators.design import Method, RoadLoad
 from dctorque_can.estimators.kalman import Kalman
+from dctorque_can.estimators.tape import TAPE
 from dctorque_can.pipeline import core, core_state
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.rows import report
@@ -65,8 +66,8 @@ class Estimator:
         )
         self._health = np.zeros(1, HEALTH)
         oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
-        filter_state = self._kalman.state.view(np.uint8)[: kalman.FILTER.fields["tape"][1]]
-        self._changing: Snapshot = (self._core, self._state, self._pair, self._health, filter_state)
+        untaped = self._kalman.state.view(np.uint8)[: kalman.FILTER.itemsize - TAPE.itemsize]
+        self._changing: Snapshot = (self._core, self._state, self._pair, self._health, untaped)
 
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due."""

@@ -1,8 +1,8 @@
 """A whole recording smoothed: forwards in segments, and back over them from the last to the first.
 
-Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment once more
-from its snapshot with the filter's tape on, and the smoother follows the tape (`estimators.smoother`). So only one
-segment has a tape at any time, and nothing depends on how long a segment is.
+Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment once
+more from its snapshot with the filter's tape on, and the smoother follows the tape (`estimators.smoother`). So at any
+time only one segment has a tape, and nothing depends on how long a segment is.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ class Smoother:
         self._estimator = Estimator(settings)
         self._length = segment
         self._segments: list[tuple[Snapshot, Samples]] = []
+        self._rows = 0  # given so far
 
     @property
     def health(self) -> NDArray[np.void]:
@@ -64,6 +65,7 @@ class Smoother:
             segment = samples[first : first + self._length]
             self._segments.append((self._estimator.snapshot(), segment))
             found.append(self._estimator.feed(segment))
+        self._rows += sum(len(estimates) for estimates in found)
         if not found:
             return self._estimator.feed(samples)
         return Estimates(np.concatenate([e.rows for e in found]), np.concatenate([e.health for e in found]))
@@ -71,19 +73,22 @@ class Smoother:
     def smoothed(self, progress: Callable[[float], None] = lambda fraction: None) -> NDArray[np.void]:
         """Return `ESTIMATE` ``[n]``: all rows that `feed` gave, with smoothed torques, sigmas and correlation.
 
-        Everything else in a row, its status too, is as the estimator gave it online; but a smoothed torque that had
-        to be limited says so.
+        Everything else in a row, its status too, is as the estimator gave it online; but a smoothed torque that
+        had to be limited says so.
         """
         end = self._estimator.snapshot()
         adjoint = np.zeros(1, smoother.ADJOINT)
-        rows = []
+        rows = np.zeros(self._rows, ESTIMATE)
+        rest = len(rows)
         for n, (before, samples) in enumerate(reversed(self._segments)):
             self._estimator.restore(before)
-            rows.append(self._go_back(samples, adjoint))
+            found = self._go_back(samples, adjoint)
+            rows[rest - len(found) : rest] = found
+            rest -= len(found)
             progress((n + 1) / len(self._segments))
         self._estimator.restore(end)
         tape.rewind(self._tape, on=False)
-        return np.concatenate(rows[::-1]) if rows else np.zeros(0, ESTIMATE)
+        return rows
 
     @property
     def _tape(self) -> NDArray[np.void]:
@@ -91,7 +96,7 @@ class Smoother:
         return found
 
     def _go_back(self, samples: Samples, adjoint: NDArray[np.void]) -> NDArray[np.void]:
-        """Return the smoothed rows of ``samples``, that come next; carry the adjoint from their end to their beginning.
+        """Return the smoothed rows of the next ``samples``; carry the adjoint from their end to their beginning.
 
         What has no room on the tape is done in halves, down to a single sample: that always has.
         """
