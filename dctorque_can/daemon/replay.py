@@ -27,7 +27,7 @@ from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
-from dctorque_can.pipeline.estimates import Estimates
+from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
 from dctorque_can.pipeline.frames import Frames
 
 
@@ -245,7 +245,7 @@ class _Replay:
         """Write the truth and return the errors against it."""
         if self._log is not None:
             write_truth(self._log, truth)
-        return compare(np.concatenate(self._rows), truth)
+        return compare(np.concatenate([np.zeros(0, ESTIMATE), *self._rows]), truth)
 
     def _write(self, log: McapLog, frames: Frames, estimates: Estimates) -> None:
         if self._content.frames:

@@ -1,8 +1,8 @@
 """A whole recording smoothed: forwards in segments, and back over them from the last to the first.
 
-Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment once
-more from its snapshot with the filter's tape on, and the smoother follows the tape (`estimators.smoother`). So only
-one segment at a time has a tape, and nothing depends on how long a segment is.
+Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment
+once more from its snapshot with the filter's tape on, and the smoother follows the tape (`estimators.smoother`).
+So only one segment at a time has a tape, and nothing depends on how long a segment is.
 """
 
 from __future__ import annotations
