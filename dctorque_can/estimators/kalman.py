@@ -68,7 +68,7 @@ FILTER = np.dtype(
         ("sigma_o", "f8"),
         ("correlation", "f8"),
         ("T_o", "f8"),
-        ("tape", tape.TAPE),  # for smoothing a log; the last, and else never touched
+        ("tape", tape.TAPE),  # for smoothing a log; must stay the last (`Estimator.snapshot`)
     ],
     align=True,
 )

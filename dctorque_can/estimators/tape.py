@@ -51,9 +51,11 @@ def rewind(tape: NDArray[np.void], on: bool) -> None:
 @compiled_without_allocation
 def _next(tape: Any, what: int) -> int:
     """Return the place of a new operation, −1 if it needs none or there is none left."""
+    if not tape.on:
+        return -1
     n = tape.operations
-    if not tape.on or n >= OPERATIONS:
-        tape.full = tape.on
+    if n >= OPERATIONS:
+        tape.full = True
         return -1
     tape.what[n] = what
     tape.operations = n + 1

@@ -66,6 +66,7 @@ class Estimator:
         )
         self._health = np.zeros(1, HEALTH)
         oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
+        # whatever `core.run` changes belongs here, or a recording cannot be smoothed
         untaped = self._kalman.state.view(np.uint8)[: kalman.FILTER.itemsize - TAPE.itemsize]
         self._changing: Snapshot = (self._core, self._state, self._pair, self._health, untaped)
 

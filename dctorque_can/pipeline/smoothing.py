@@ -98,12 +98,14 @@ class Smoother:
     def _go_back(self, samples: Samples, adjoint: NDArray[np.void]) -> NDArray[np.void]:
         """Return the smoothed rows of the next ``samples``; carry the adjoint from their end to their beginning.
 
-        What has no room on the tape is done in halves, down to a single sample: that always has.
+        What has no room on the tape is done in halves.
         """
         before = self._estimator.snapshot()
         tape.rewind(self._tape, on=True)
         rows = self._estimator.feed(samples).rows
-        if self._tape["full"][0] and len(samples) > 1:
+        if self._tape["full"][0]:
+            if len(samples) == 1:
+                raise RuntimeError("what one sample does has no room on the tape: make it longer")
             half = len(samples) // 2
             parts = [samples[a:b] for a, b in pairwise((0, half, len(samples)))]
             self._estimator.restore(before)

@@ -371,6 +371,12 @@ def test_what_is_no_number_ends_there(tables):
     assert found["torque"][0, 0] == pytest.approx(alone["torque"][0, 0], rel=0.5)
 
 
+def test_the_tape_is_the_last_field():
+    """So that a snapshot of the filter is all the bytes before it."""
+    assert kalman.FILTER.names[-1] == "tape"
+    assert kalman.FILTER.fields["tape"][1] == kalman.FILTER.itemsize - tape.TAPE.itemsize
+
+
 def test_a_tape_that_is_off_stays_blank_and_a_full_one_says_so(tables):
     k = new_filter(tables, on=False)
     f = k.state[0]
