@@ -51,6 +51,9 @@ def compare(
             show_default=False,
         ),
     ] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Also the Kalman filter smoothed: what its whole recording can tell.")
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="PLOT", help="Plot of the figures: .png, .svg or .pdf."),
@@ -88,7 +91,7 @@ def compare(
 
         readers = [stack.enter_context(open_log(path)) for path in logs or []]
         loaded = _config(readers, config, settings, {})
-        chosen = variants_of(lambda overrides: _config(readers, config, settings, overrides), more)
+        chosen = variants_of(lambda overrides: _config(readers, config, settings, overrides), more, smooth)
         for warning in dict.fromkeys(str(w) for v in chosen for w in v.config.warnings):
             warn(warning.replace("warning: ", "", 1))
         drives = [recorded_drive(reader) for reader in readers]

@@ -30,6 +30,7 @@ def as_report(name: str, drives: Sequence[str], shifts: int, results: Sequence[V
         "variants": {
             result.variant.name: {
                 "set": dict(result.variant.overrides),
+                "smoothed": result.variant.smooth,
                 "all": _figures(result.comparison.everything),
                 "shifts": None if result.comparison.shifts is None else _figures(result.comparison.shifts),
             }

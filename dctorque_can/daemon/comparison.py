@@ -19,6 +19,7 @@ from dctorque_can.logs.reader import LogReader
 from dctorque_can.pipeline.frames import Frames
 
 METHODS = ("oh2014", "kalman")
+SMOOTHED = "kalman smoothed"
 BATCH = 100_000
 
 
@@ -30,11 +31,13 @@ class Variant:
         name: for people.
         overrides: dotted key to value, what is special about it.
         config: with these laid over it.
+        smooth: the estimates are smoothed.
     """
 
     name: str
     overrides: Mapping[str, str]
     config: Config
+    smooth: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,18 +56,21 @@ class VariantResult:
 
 
 def variants_of(
-    load: Callable[[Mapping[str, str]], Config], more: Mapping[str, Mapping[str, str]]
+    load: Callable[[Mapping[str, str]], Config], more: Mapping[str, Mapping[str, str]], smooth: bool = False
 ) -> tuple[Variant, ...]:
     """Return both methods as they are configured, and ``more`` variants by name.
 
     Args:
         load: gives the configuration with these overrides laid over it.
         more: overrides (dotted key to value) by name.
+        smooth: add the Kalman filter smoothed, as the third.
 
     Raises:
         DctorqueError: a name is given to two, or a configuration has errors; the message names the variant.
     """
     wanted: dict[str, Mapping[str, str]] = {method: {"estimator.method": method} for method in METHODS}
+    if smooth:
+        wanted[SMOOTHED] = wanted["kalman"]
     for name, overrides in more.items():
         if name in wanted:
             raise DctorqueError(f"variant {name}: this name is taken; {' and '.join(METHODS)} are always compared")
@@ -72,7 +78,7 @@ def variants_of(
     variants = []
     for name, overrides in wanted.items():
         try:
-            variants.append(Variant(name, overrides, load(overrides)))
+            variants.append(Variant(name, overrides, load(overrides), smooth=name == SMOOTHED))
         except DctorqueError as error:
             if name in METHODS:  # the file itself is wrong
                 raise
@@ -115,14 +121,14 @@ def compare_variants(
         pairs: list[tuple[NDArray[np.void], NDArray[np.void]]] = []
         remarks: dict[str, None] = {}
         for drive in drives:
-            chain = Chain(variant.config)
+            chain = Chain(variant.config, variant.smooth)
             rows = []
             for start in range(0, len(drive.frames), BATCH):
                 frames = drive.frames[start : start + BATCH]
                 rows.append(chain.feed(frames).rows)
                 done += len(frames)
                 progress(done / total)
-            estimates = np.concatenate(rows)
+            estimates = chain.smoothed() if variant.smooth else np.concatenate(rows)
             if not len(estimates):
                 raise DctorqueError(
                     f"{drive.name}: variant {variant.name} gives no estimate: none of the frames gave what the "

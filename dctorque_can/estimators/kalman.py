@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman_model, kalman_tuning
+from dctorque_can.estimators import kalman_model, kalman_tuning, tape
 from dctorque_can.estimators.design import KalmanDesign
 from dctorque_can.estimators.kalman_model import (
     DT_E,
@@ -89,6 +89,7 @@ FILTER = np.dtype(
         ("sigma_o", "f8"),
         ("correlation", "f8"),
         ("T_o", "f8"),
+        ("tape", tape.TAPE),  # for smoothing a log; must stay the last (`Estimator.snapshot`)
     ],
     align=True,
 )
@@ -121,6 +122,7 @@ def new(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool = 
 @compiled_without_allocation
 def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T_en: float) -> None:
     """Start at the measured speeds; the torques are unknown."""
+    tape.started(f.tape)
     for i in range(N):
         f.x[i] = 0.0
         for j in range(N):
@@ -196,6 +198,7 @@ def predict(
 @compiled_without_allocation
 def _advance(f: Any, tables: Tables, model: int, step: int, q: tuple[float, float, float, float, float]) -> None:
     """x ← F x + b T_en, P ← F P Fᵀ + Q; q of `process_noise`."""
+    tape.predicted(f.tape, model, step)
     phi, per_s = tables.phi, 1e6 / _STEPS[step]
     for i in range(N):
         f.h[i] = tables.input[model, step, i] * f.T_en
@@ -232,6 +235,7 @@ def measure(f: Any, i: int, z: float, variance: float) -> None:
     for k in range(N):
         f.K[k] = f.h[k] / S
         f.x[k] += f.K[k] * e
+    tape.measured(f, i, S, e)
     for k in range(N):
         for m in range(N):
             f.scratch[k, m] = f.P[k, m] - f.K[k] * f.h[m]
@@ -245,6 +249,7 @@ def measure(f: Any, i: int, z: float, variance: float) -> None:
 @compiled_without_allocation
 def forget(f: Any, i: int, value: float, variance: float) -> None:
     """Replace what is known of x_i by a value that has nothing to do with the rest."""
+    tape.forgotten(f.tape, i)
     f.x[i] = value
     for k in range(N):
         f.P[i, k] = 0.0

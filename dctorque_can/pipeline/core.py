@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman, oh2014, oh2014_model
+from dctorque_can.estimators import kalman, oh2014, oh2014_model, tape
 from dctorque_can.estimators.design import Method
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.pipeline.core_state import NEVER
@@ -294,6 +294,7 @@ def run(
         if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us
             publish(core, rules, s, c, pair, f, rows[n_rows])
+            tape.published(f, kalman_filter.tables, kalman_filter.tuning[0])
             n_rows += 1
         if is_due(core, core.health_us, rules.health_period_us):
             core.health_us = core.t_us

@@ -89,6 +89,31 @@ def test_replay_names_the_inputs_that_never_came_and_counts_what_is_valid(dctorq
     assert ("none of the" in partly.err) == bool(result["estimates"])
 
 
+def test_replay_smooths(dctorque, tmp_path: Path) -> None:
+    """File in, file out, less wrong than online; of a method that cannot be smoothed one line, and no file."""
+    kalman = ("--set", "estimator.method=kalman")
+    assert dctorque("simulate", "-o", "drive.blf", "--duration", 3).code == 0
+    run = ("replay", "drive.blf", "-c", PAPER, "--truth", "--json")
+    online = json.loads(dctorque(*run, *kalman, "-o", "online.mcap").out)
+    outcome = dctorque(*run, *kalman, "--smooth", "-o", "smoothed.mcap")
+    assert outcome.code == 0, outcome.err
+    result = json.loads(outcome.out)
+    assert (online["smoothed"], result["smoothed"]) == (False, True)
+    assert result["estimates"] == online["estimates"] == len(read_table(tmp_path / "smoothed.mcap", ESTIMATES))
+    for torque in ("clutch1_nm", "output_nm"):
+        assert result["errors"][torque]["rms"] < online["errors"][torque]["rms"]
+    told = dctorque("replay", "smoothed.mcap", *kalman, "-o", "again.mcap")
+    assert "the log holds no frames" in told.err
+    told = dctorque("replay", "drive.blf", "-c", PAPER, *kalman, "--smooth", "-o", "told.mcap")
+    assert f"{result['estimates']} smoothed estimates" in told.err
+    wrong = dctorque("replay", "drive.blf", "-c", PAPER, "--smooth", "-o", "wrong.mcap")
+    assert wrong.code == 1
+    assert [line for line in wrong.err.splitlines() if "error" in line] == wrong.err.splitlines()
+    assert "oh2014 cannot be smoothed" in wrong.err
+    assert "--set estimator.method=kalman" in wrong.err
+    assert not (tmp_path / "wrong.mcap").exists()
+
+
 def test_the_same_seed_gives_the_same_file(dctorque, tmp_path: Path) -> None:
     for name, seed in (("a", 5), ("b", 5), ("c", 6)):
         dctorque("simulate", "-o", f"{name}.blf", "--duration", 1, "--seed", seed)

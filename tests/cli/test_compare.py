@@ -90,6 +90,26 @@ def test_more_variants_and_seeds(dctorque) -> None:
     assert variants["kalman"]["all"] != variants["oh2014"]["all"]
 
 
+def test_the_smoother_as_third(dctorque) -> None:
+    same = "same=estimator.method=kalman"
+    outcome = dctorque("compare", *SHORT, "--smooth", "--json", "--variant", same, "-o", "compare.png")
+    assert outcome.code == 0, outcome.err
+    variants = json.loads(outcome.out)["variants"]
+    assert list(variants) == ["oh2014", "kalman", "kalman smoothed", "same"]
+    assert [found["smoothed"] for found in variants.values()] == [False, False, True, False]
+    assert variants["same"]["all"] == variants["kalman"]["all"]
+    for part in ("all", "shifts"):
+        smoothed, online = (variants[name][part] for name in ("kalman smoothed", "kalman"))
+        assert smoothed["samples"] == online["samples"]
+        for torque in TORQUES:
+            assert smoothed[torque]["rms_nm"] < online[torque]["rms_nm"]
+            assert smoothed[torque]["bands"]["log_score"] < online[torque]["bands"]["log_score"]
+    told = dctorque("compare", "--duration", 3, "--smooth")
+    assert told.code == 0, told.err
+    assert "kalman smoothed" in told.out
+    assert max(map(len, told.out.splitlines())) <= 100
+
+
 def test_logs_without_truth(dctorque, log: Path, tmp_path: Path) -> None:
     assert dctorque("replay", log, "--frames", "-o", "plain.mcap").code == 0
     assert_one_line(dctorque("compare", "plain.mcap"), "plain.mcap: has no topic /dctorque/truth", "simulate")
