@@ -39,6 +39,7 @@ _SPREAD_PER_US = 1e-6 / 0.5  # that difference is learned within half a second
 _FIRST_WHEEL = 3
 _TELLING_REPEATS = 3
 _NOISE_OF_CHANGE = 9.0  # three standard deviations, squared, of a difference of innovations
+_TOO_MANY = 3  # sensors at fault at once
 _MOTION = 3  # measurements that must lie on one line to be a motion
 
 
@@ -47,7 +48,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     """Take a speed z of x_i unless its sensor is at fault.
 
     Beyond the gate it is one, unless the last measurements move smoothly (something moves the shaft that the model
-    does not know of), or have been there for the patience of the gate: then the state is opened to them.
+    does not know of), others are beyond it too, or it has lasted for the patience of the gate: then the state is opened to them.
 
     Args:
         f: `kalman.FILTER`.
@@ -78,7 +79,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     smooth = (d - last_d) ** 2 < _NOISE_OF_CHANGE * 6.0 * S
     if f.fault[sensor] == 0:
         f.fault_us[sensor] = f.t_us
-    if f.t_us - f.fault_us[sensor] < tuning.patience_us:
+    if f.t_us - f.fault_us[sensor] < tuning.patience_us and at_fault(f) < _TOO_MANY:
         if parallel:
             blame(f, sensor, _BIASED)
             return
@@ -118,9 +119,9 @@ def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float
 def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float) -> int:
     """Return which wheel of an axle has left the other: 0 none, 1 left, 2 right.
 
-    The wheels differ in bends and by their tyres, and that changes slowly. When it jumps, or one wheel falls behind,
-    the odd one is the one that repeats itself, else the one further from the prediction; but what lasts for
-    the patience of the gate is how the wheels differ now.
+    The wheels differ in bends and by their tyres, and that changes slowly. When it jumps, or a wheel falls behind,
+    the odd one is the one that repeats itself, else the one further from the prediction; but what lasts for the
+    patience of the gate is how the wheels differ now.
     """
     usual = f.spread[axle]
     change = (left - right) - usual
@@ -143,6 +144,16 @@ def blame(f: Any, sensor: int, fault: int) -> None:
     if f.fault[sensor] == 0:
         f.fault_us[sensor] = f.t_us
     f.fault[sensor] = fault
+
+
+@compiled_without_allocation
+def at_fault(f: Any) -> int:
+    """Return how many sensors are beyond the gate now; so many at once are not at fault, but the model."""
+    count = 0
+    for rejected in f.rejected:
+        if rejected > 0:
+            count += 1
+    return count
 
 
 @compiled_without_allocation

@@ -122,7 +122,9 @@ def continuous(
         J = vehicle.shaft_inertia_kgm2(i + 1)
         A[W_C1 + i, T_C1 + i] = 1.0 / J
         if number == 0:
-            A[W_O, T_C1 + i] = -synchroniser_ratio(vehicle, i, gear2 if i == 0 else gear1) / J_o
+            ratio = synchroniser_ratio(vehicle, i, gear2 if i == 0 else gear1)
+            A[W_O, T_C1 + i] = -ratio / J_o
+            A[T_X, R_1 + i] = -ratio
             A[TH_T1 + i, TH_T1 + i] = -_SLACK_RATE
             continue
         A[W_D, T_C1 + i] = -1.0 / damper.inertia_kgm2

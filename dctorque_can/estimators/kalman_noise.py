@@ -17,6 +17,7 @@ from dctorque_can.estimators.kalman_model import DT_E, T_V, TH_D, W_E
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _RECENT = 0.2  # s, over which a change is one that has just happened
 _LEAST_TYRE_TORQUE = 15.0  # N·m/√s
+_SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
 _DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
 
 
@@ -55,13 +56,16 @@ def process_noise(
     By the model the tyres follow the clutches through the gears; on top come a share of that rate,
     and the driven wheels' brakes.
     """
-    wheel_rate = 0.0
+    wheel_rate = synchroniser_rate = 0.0
     for i in range(2):
-        if f.gear[i] != 0 and (phase_1 if i == 0 else phase_2) != _OPEN:
+        if f.gear[i] == 0:
+            synchroniser_rate = max(synchroniser_rate, tuning.synchroniser_ratio[i] * f.torque_rate[i])
+        elif (phase_1 if i == 0 else phase_2) != _OPEN:
             wheel_rate = max(wheel_rate, abs(tuning.ratio[i, f.gear[i] + 1]) * f.torque_rate[i])
     load = tuning.held_load**2 if brakes or stands else tuning.road_load**2
     tyre = (_DRIVEN_BRAKES * tuning.held_load) ** 2 if brakes else _LEAST_TYRE_TORQUE**2
-    tyre += 2.0 * tuning.rate_time * (tuning.tyre_share * wheel_rate) ** 2
+    own_rate = max(tuning.tyre_share * wheel_rate, _SYNCHRONISER_SHARE * synchroniser_rate)
+    tyre += 2.0 * tuning.rate_time * own_rate**2
     return f.torque_rate[0] ** 2, f.torque_rate[1] ** 2, tyre, load, engine_variance(tuning, f.T_en)
 
 

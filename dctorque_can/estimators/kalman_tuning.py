@@ -37,6 +37,7 @@ TUNING = np.dtype(
         ("parameter_error", "f8"),  # relative, of mass, inertias and stiffnesses
         ("J_e", "f8"),
         ("ratio", "f8", (2, GEARS)),  # total, by shaft and gear number + 1
+        ("synchroniser_ratio", "f8", (2,)),  # mean of each shaft's gears
         ("loss_span", "f8", (2, GEARS)),  # by how much the ratio of torques differs between driving and driven
         ("transfer_twist", "f8", (2, GEARS)),  # rad in the transfer shaft per N·m of output torque
         ("output_twist", "f8"),  # … in the output shaft
@@ -69,6 +70,8 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
     t["parameter_error"] = design.parameter_error_share
     t["J_e"] = vehicle.engine_inertia_kgm2
+    for i in range(2):
+        t["synchroniser_ratio"][0, i] = np.mean([abs(gear.total_ratio) for gear in vehicle.gears_on(i + 1)])
     t["output_twist"] = 1.0 / vehicle.output_shaft.stiffness_nm_per_rad
     for i, shaft in enumerate(vehicle.shafts):
         for gear in vehicle.gears_on(i + 1):

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import kalman, kalman_gearbox, kalman_noise
+from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, kalman_noise
+from dctorque_can.estimators.kalman_faults import SensorFault
 from dctorque_can.estimators.kalman_model import STEPS_US, N, State
 from dctorque_can.estimators.kalman_tuning import tuning as tuning_of
 from dctorque_can.resources import shipped_config
@@ -114,7 +115,7 @@ def test_consistent_on_data_of_its_own_model(tables):
             predict(k, 4000 * (n + 1))
             for sensor, state in enumerate(SPEEDS):
                 z = x[state] + noise[sensor] * random.standard_normal()
-                kalman.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2)
+                kalman_faults.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2, False)
         squares += f["squares"]
         error = x - f["x"]
         torques = [State.T_C1, State.T_C2]
@@ -129,18 +130,112 @@ def test_consistent_on_data_of_its_own_model(tables):
         assert chi2.ppf(0.0005, freedom) < total < chi2.ppf(0.9995, freedom)
 
 
-@pytest.mark.parametrize(("sensor", "state"), list(enumerate(SPEEDS)))
-def test_a_speed_beyond_the_gate_waits_for_patience(tables, sensor, state):
-    """What is 50 rad/s off changes nothing, until it has been so once more than the patience."""
-    k = new_filter(tables, gate_patience=3)
+def take(k, sensor, values, variance=0.01, free=False):
+    """Measurements every 10 ms of a shaft that keeps its speed; returns the faults, and what the state became."""
+    f, state = k.state[0], SPEEDS[sensor]
+    faults = []
+    for value in values:
+        f["t_us"] += 10_000
+        kalman_faults.measure_gated(f, k.tuning[0], sensor, state, value, variance, free)
+        faults.append(SensorFault(int(f["fault"][sensor])))
+    return faults, float(f["x"][state])
+
+
+SENSORS = range(len(SPEEDS))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_spikes_are_not_taken(tables, sensor):
+    """±50 rad/s in turn lie on no line; the first good sample ends the fault."""
+    k = new_filter(tables)
+    before = k.state[0]["x"].copy()
+    x = before[SPEEDS[sensor]]
+    faults, after = take(k, sensor, [x + 50.0, x - 50.0, x + 50.0, x - 50.0])
+    assert faults == [SensorFault.SPIKE] * 4
+    assert (k.state[0]["x"] == before).all()
+    assert take(k, sensor, [after])[0] == [SensorFault.NONE]
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_bias_is_not_taken_until_patience_ends(tables, sensor):
+    """50 rad/s beside the prediction is a sensor's fault for 0.5 s; then it is the filter that was wrong."""
+    k = new_filter(tables)
+    x = float(k.state[0]["x"][SPEEDS[sensor]])
+    faults, after = take(k, sensor, [x + 50.0] * 50)
+    assert faults == [SensorFault.SPIKE] + [SensorFault.BIASED] * 49
+    assert after == x
+    faults, after = take(k, sensor, [x + 50.0] * 2)
+    assert faults[-1] == SensorFault.NONE
+    assert after == pytest.approx(x + 50.0, abs=0.1)
+
+
+def test_a_motion_that_the_model_does_not_expect_is_taken(tables):
+    """An engine that loses 1500 rad/s² is believed with the third sample on its line, and its torque is doubted."""
+    k = new_filter(tables)
     f = k.state[0]
-    before = f["x"].copy()
-    for n in range(3):
-        kalman.measure_gated(f, k.tuning[0], sensor, state, before[state] + 50.0, 0.01)
-        assert (f["x"] == before).all()
-        assert f["rejected"][sensor] == n + 1
-    kalman.measure_gated(f, k.tuning[0], sensor, state, before[state] + 50.0, 0.01)
-    assert f["x"][state] == pytest.approx(before[state] + 50.0, abs=0.1)
+    doubt = f["P"][State.DT_E, State.DT_E]
+    faults, after = take(k, 0, [185.0, 170.0, 155.0])
+    assert faults == [SensorFault.SPIKE, SensorFault.SPIKE, SensorFault.NONE]
+    assert after == pytest.approx(155.0, abs=0.5)
+    assert f["P"][State.DT_E, State.DT_E] > doubt + 100.0**2
+
+
+def test_a_synchroniser_may_do_anything(tables):
+    """What jumps while its shaft is in neutral is taken at once."""
+    k = new_filter(tables)
+    faults, after = take(k, 1, [400.0], free=True)
+    assert faults == [SensorFault.NONE]
+    assert after == pytest.approx(400.0, abs=0.1)
+
+
+def stuck(k, values, state=State.W_E, signal=0):
+    """Whether each value is held to be stuck while the prediction stays."""
+    return [
+        kalman_faults.is_stuck(k.state[0], k.tuning[0], signal, state, value, 0.01) for value in map(float, values)
+    ]
+
+
+def test_stuck_is_what_the_shaft_has_left(tables):
+    """A repeated value is stuck once the prediction has moved by 4 σ, and no longer when it changes."""
+    k = new_filter(tables)
+    f = k.state[0]
+    f["P"][State.W_E, State.W_E] = 0.01  # with the sensor's own 0.01: σ is 0.14
+    assert stuck(k, [200.0, 200.0]) == [False, False]
+    f["x"][State.W_E] = 200.5
+    assert stuck(k, [200.0]) == [False]
+    f["x"][State.W_E] = 200.6
+    assert stuck(k, [200.0, 200.1]) == [True, False]
+
+
+def test_stuck_is_what_repeats_itself_more_than_it_does_otherwise(tables):
+    """A sensor that never repeats itself may do so 8 times, one that does half of the time 19 times: 2⁻²⁰ < 10⁻⁶.
+
+    At rest a speed of zero says nothing.
+    """
+    fresh = new_filter(tables)
+    assert stuck(fresh, [200.0] * 21) == [False] * 20 + [True]  # nothing is known of it: half of the time
+    busy = new_filter(tables)
+    assert not any(stuck(busy, 200.0 + 0.001 * np.arange(1000)))
+    assert stuck(busy, [200.0] * 10) == [False] * 9 + [True]
+    assert not any(stuck(new_filter(tables), [0.0] * 1000))
+
+
+def test_the_odd_wheel_is_told(tables):
+    """Left and right differ by 0.5 rad/s in a bend. Then one jumps, or falls behind and repeats itself."""
+    k = new_filter(tables)
+    f = k.state[0]
+
+    def odd(left, right):
+        f["t_us"] += 10_000
+        return kalman_faults.odd_wheel(f, k.tuning[0], 0, State.W_W, left, right)
+
+    assert [odd(10.25, 9.75) for _ in range(3)] == [0, 0, 0]
+    assert odd(12.25, 9.75) == 1
+    assert odd(10.25, 7.75) == 2
+    assert odd(10.25, 9.75) == 0
+    f["repeats"][4] = 5  # FR, though nearer to the prediction
+    assert odd(10.75, 9.75) == 2
+    assert [odd(12.25, 9.75) for _ in range(60)][-1] == 0  # for half a second: so they differ now
 
 
 def test_a_frame_that_is_late_says_less(tables):
@@ -149,7 +244,7 @@ def test_a_frame_that_is_late_says_less(tables):
     f = k.state[0]
     f["rate"][State.W_E] = 300.0
     x, P = dense_update(f["x"].copy(), f["P"].copy(), np.eye(N)[State.W_E], 201.0, 0.1**2 + 0.3**2)
-    kalman.measure_gated(f, k.tuning[0], 0, State.W_E, 201.0, 0.1**2)
+    kalman_faults.measure_gated(f, k.tuning[0], 0, State.W_E, 201.0, 0.1**2, False)
     np.testing.assert_allclose(f["x"], x)
     np.testing.assert_allclose(f["P"], P, atol=1e-12)
 
