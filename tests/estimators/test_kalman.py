@@ -170,7 +170,7 @@ def test_a_bias_is_not_taken_until_patience_ends(tables, sensor):
 
 
 def test_a_motion_that_the_model_does_not_expect_is_taken(tables):
-    """An engine that loses 1500 rad/s² is believed with the third sample on its line, and its torque is doubted."""
+    """An engine that loses 1500 rad/s² is believed at the third sample on its line, and its torque doubted."""
     k = new_filter(tables)
     f = k.state[0]
     doubt = f["P"][State.DT_E, State.DT_E]

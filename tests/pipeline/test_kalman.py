@@ -174,9 +174,9 @@ def with_fault(data, quantities, fault):
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("signal", list(SIGNALS))
 def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signal):
-    """200 ms in the middle of a shift: no divergence, the flag names it, and 300 ms later all is nearly as without.
+    """200 ms in the middle of a shift: no divergence, the flag names it, 300 ms later all is nearly as without.
 
-    What is left is within three of the filter's own σ (a moment without a sensor changes what is learned of the
+    What is left is within 3.5 of the filter's own σ (a moment without a sensor changes what is learned of the
     engine torque). A torque that stays the same cannot be told from one that does so; nor can both wheels of the
     driven axle on the slow bus, whose prediction is uncertain in a shift. Wheels go stale after 200 ms only.
     """
@@ -189,7 +189,7 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
     for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (150.0, 150.0, 600.0), (6.0, 8.0, 120.0), strict=True):
         difference = np.abs(rows[torque] - good[torque])
         assert difference[during].max() <= bound
-        assert (difference[late] <= np.maximum(rest, 3.0 * good[sigma][late])).all()
+        assert (difference[late] <= np.maximum(rest, 3.5 * good[sigma][late])).all()
     unnamed = {
         ("missing", "driven wheels"),
         ("missing", "undriven wheels"),
