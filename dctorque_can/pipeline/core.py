@@ -289,6 +289,8 @@ def run(
             health.numeric_resets += 1
             oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
             kalman.start(f, kalman_filter.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
+            if rules.method == Method.KALMAN:  # what is published next must be a number again
+                kalman.conclude(f, kalman_filter.tables, kalman_filter.tuning[0])
         if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us
             publish(core, rules, s, c, pair, f, rows[n_rows])
