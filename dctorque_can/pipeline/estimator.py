@@ -11,7 +11,7 @@ from dctorque_can.driveline.phase_decision import closing_band
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import kalman, oh2014, oh2014_model
 from dctorque_can.estimators.design import Method, RoadLoad
-from dctorque_can.pipeline import core, core_state
+from dctorque_can.pipeline import core, core_state, derived
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.rows import report
 from dctorque_can.pipeline.samples import N_QUANTITIES, Samples
@@ -57,6 +57,7 @@ class Estimator:
         self._kalman = kalman.new(
             settings.vehicle, settings.kalman, oh2014_model.MAX_GEAR + 2, needed=settings.method is Method.KALMAN
         )
+        self._derived = derived.new(self._rules["coolant"][0])
         self._health = np.zeros(1, HEALTH)
         oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
 
@@ -79,6 +80,7 @@ class Estimator:
             rows,
             health,
             self._kalman,
+            self._derived,
         )
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 
@@ -141,6 +143,12 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     limits = [CAPACITY_MARGIN * _static_capacity(clutch) for clutch in settings.vehicle.clutches]
     r["torque_limit"] = limits
     r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
+    for i, thermal in enumerate(clutch.thermal for clutch in settings.vehicle.clutches):
+        if thermal is not None:
+            r["heats"][i] = True
+            r["heat_capacity"][i] = thermal.heat_capacity_j_per_k
+            r["cooling"][i] = thermal.cooling_w_per_k
+            r["coolant"][i] = thermal.coolant_c
     r["method"] = settings.method
     r["sub_observer"] = design.sub_observer
     r["learns"] = design.road_load is RoadLoad.LEARNED

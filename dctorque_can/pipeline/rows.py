@@ -7,8 +7,10 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators import oh2014
 from dctorque_can.estimators.design import Method, SubObserver
+from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
+from dctorque_can.pipeline.derived import bounded, clutch_torques, observed_torques
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.kalman_core import kalman_torques
 from dctorque_can.pipeline.samples import N_QUANTITIES
@@ -60,28 +62,21 @@ def judge(core: Any, rules: Any, limited: bool) -> int:
 
 
 @compiled_without_allocation
-def bounded(value: float, limit: float) -> float:
-    """Return ``value`` within ±limit."""
-    return min(max(value, -limit), limit)
-
-
-@compiled_without_allocation
-def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) -> None:
+def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, d: Any, row: Any) -> None:
     """Write one estimate."""
     row.t_us = core.t_us
     limit_1, limit_2, limit_o = rules.torque_limit[0], rules.torque_limit[1], rules.output_limit
     adaptive = rules.sub_observer == SubObserver.ADAPTIVE
-    T_1, T_2 = s.T_c1, s.T_c2
-    if rules.sub_observer == SubObserver.UNKNOWN_INPUT:
-        T_1, T_2 = s.T_c1_uio, s.T_c2_uio
+    T_1, T_2 = observed_torques(rules, s)
     T_o = oh2014.after_losses(c, pair, pair.R_1 * T_1 + pair.R_2 * T_2)  # (31)
     T_o_adaptive = s.T_n + s.a_w * s.tau_o  # (47)
     if abs(s.w_w) < oh2014.STANDSTILL:
         T_o_adaptive = T_o  # (47) sees nothing at rest: brakes hold whatever the clutches do not
+    T_1, T_2 = clutch_torques(rules, s, f)
     if adaptive:
-        T_1, T_2, T_o = 0.0, 0.0, T_o_adaptive
+        T_o = T_o_adaptive
     if rules.method == Method.KALMAN:
-        T_1, T_2, T_o = kalman_torques(f)
+        _, _, T_o = kalman_torques(f)
         row.clutch1_sigma_nm = min(f.sigma_1, limit_1)
         row.clutch2_sigma_nm = min(f.sigma_2, limit_2)
         row.output_sigma_nm = min(f.sigma_o, limit_o)
@@ -114,7 +109,7 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) 
         or row.engine_torque_nm != T_e
         or row.road_load_nm != s.T_n
     )
-    core.status = judge(core, rules, limited)
+    core.status = judge(core, rules, limited) | derived.report(core, rules, pair, f, d, row)
     row.status = core.status
 
 
