@@ -15,6 +15,7 @@ Column = NDArray[np.float64]
 
 RPM = 30.0 / math.pi  # of one rad/s
 REVERSE_CODE = 13.0  # gear of the value tables GearShaft1 and GearShaft2
+ENGAGEMENT_MODULUS = 255  # of Clutch1Engagements and Clutch2Engagements
 STARTING, ESTIMATING, DEGRADED = 0.0, 1.0, 2.0  # value tables Dct…State
 
 
@@ -91,12 +92,67 @@ def _uncertainty(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
     }
 
 
+def _powers(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    known = _has(rows, Status.PHASES_KNOWN)
+    known1, known2 = known & _has(rows, Status.CLUTCH1_VALID), known & _has(rows, Status.CLUTCH2_VALID)
+    return {
+        "Clutch1PowerValid": _flag(known1),
+        "Clutch2PowerValid": _flag(known2),
+        "DctClutchPowerState": state,
+        "Clutch1Power": _where(known1, rows["clutch1_power_w"]),
+        "Clutch2Power": _where(known2, rows["clutch2_power_w"]),
+    }
+
+
+def _energies(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    known1, known2 = _has(rows, Status.ENERGY1_KNOWN), _has(rows, Status.ENERGY2_KNOWN)
+    return {
+        "Clutch1EnergyValid": _flag(known1),
+        "Clutch2EnergyValid": _flag(known2),
+        "DctClutchEnergyState": state,
+        "Clutch1Energy": _where(known1, rows["clutch1_energy_j"]),
+        "Clutch2Energy": _where(known2, rows["clutch2_energy_j"]),
+        "Clutch1Engagements": (rows["clutch1_engagements"] % ENGAGEMENT_MODULUS).astype(np.float64),
+        "Clutch2Engagements": (rows["clutch2_engagements"] % ENGAGEMENT_MODULUS).astype(np.float64),
+    }
+
+
+def _residuals(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    valid1, valid2 = _has(rows, Status.CLUTCH1_VALID), _has(rows, Status.CLUTCH2_VALID)
+    known1, known2 = valid1 & _has(rows, Status.RESIDUAL1_KNOWN), valid2 & _has(rows, Status.RESIDUAL2_KNOWN)
+    both = valid1 & valid2
+    return {
+        "Clutch1ResidualValid": _flag(known1),
+        "Clutch2ResidualValid": _flag(known2),
+        "DctClutchResidualState": state,
+        "Clutch1Residual": _where(known1, rows["clutch1_residual_nm"]),
+        "Clutch2Residual": _where(known2, rows["clutch2_residual_nm"]),
+        "RecirculatedTorque": _where(both, rows["recirculated_torque_nm"]),
+        "TieUpProbability": _where(both & _has(rows, Status.TIE_UP_KNOWN), rows["tie_up_probability"]),
+    }
+
+
+def _temperatures(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
+    known1, known2 = _has(rows, Status.TEMPERATURE1_KNOWN), _has(rows, Status.TEMPERATURE2_KNOWN)
+    return {
+        "Clutch1TemperatureValid": _flag(known1),
+        "Clutch2TemperatureValid": _flag(known2),
+        "DctClutchTemperatureState": state,
+        "Clutch1Temperature": _where(known1, rows["clutch1_temperature_c"]),
+        "Clutch2Temperature": _where(known2, rows["clutch2_temperature_c"]),
+    }
+
+
 CONTENTS: dict[str, Callable[[NDArray[np.void], Column], dict[str, Column]]] = {
     "DctClutchTorque": _torques,
     "DctDriveline": _driveline,
     "DctClutchSlip": _slips,
     "DctStatus": _status,
     "DctUncertainty": _uncertainty,
+    "DctClutchPower": _powers,
+    "DctClutchEnergy": _energies,
+    "DctClutchResidual": _residuals,
+    "DctClutchTemperature": _temperatures,
 }
 """Physical values of each message by signal name, in the unit of the DBC; NaN where a value is not valid."""
 

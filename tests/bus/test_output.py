@@ -28,6 +28,13 @@ ALL_VALID = (
     | Status.PHASES_KNOWN
     | Status.ROAD_LOAD_LEARNED
     | Status.CONVERGED
+    | Status.ENERGY1_KNOWN
+    | Status.ENERGY2_KNOWN
+    | Status.RESIDUAL1_KNOWN
+    | Status.RESIDUAL2_KNOWN
+    | Status.TEMPERATURE1_KNOWN
+    | Status.TEMPERATURE2_KNOWN
+    | Status.TIE_UP_KNOWN
 )
 SIGMAS = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm")
 
@@ -97,14 +104,64 @@ def test_values_in_the_units_of_the_database():
     assert {str(found[name][f"{name}State"]) for name in found} == {"estimating"}
 
 
+def test_derived_values_in_the_units_of_the_database():
+    rows = estimates(
+        [0],
+        clutch1_power_w=27_345.0,
+        clutch2_power_w=199_999.0,
+        clutch1_energy_j=36_604.0,
+        clutch2_energy_j=499_999.0,
+        clutch1_engagements=254,
+        clutch2_engagements=600,
+        clutch1_residual_nm=-12.34,
+        clutch2_residual_nm=700.0,
+        clutch1_temperature_c=-40.04,
+        clutch2_temperature_c=312.3,
+        recirculated_torque_nm=77.7,
+        tie_up_probability=0.777,
+    )
+    found = read(OutputEncoder(DATABASE).encode(rows))
+    values = {name: value for message in found.values() for name, value in message.items()}
+    expected = {
+        "Clutch1Power": (27_345.0, 4.0),
+        "Clutch2Power": (199_999.0, 4.0),
+        "Clutch1Energy": (36_604.0, 10.0),
+        "Clutch2Energy": (499_999.0, 10.0),
+        "Clutch1Engagements": (254, 0.0),
+        "Clutch2Engagements": (600 - 2 * 255, 0.0),
+        "Clutch1Residual": (-12.34, 0.1),
+        "Clutch2Residual": (700.0, 0.1),
+        "Clutch1Temperature": (-40.04, 0.1),
+        "Clutch2Temperature": (312.3, 0.1),
+        "RecirculatedTorque": (77.7, 0.2),
+        "TieUpProbability": (0.777, 0.005),
+    }
+    for name, (value, step) in expected.items():
+        assert values[name] == pytest.approx(value, abs=0.501 * step), name
+    flags = {f"Clutch{i}{kind}Valid" for i in (1, 2) for kind in ("Power", "Energy", "Residual", "Temperature")}
+    assert {name for name in flags if values[name] == 1} == flags
+    nothing = read(OutputEncoder(DATABASE).encode(estimates([0], status=0)))
+    assert {name for message in nothing.values() for name in flags & set(message) if message[name] == 0} == flags
+
+
+TWO_CLUTCHES = {"ClutchTorqueSum", "ClutchCorrelation", "RecirculatedTorque", "TieUpProbability"}
+
+
 @pytest.mark.parametrize(
     ("lost", "signals"),
     [
-        (Status.CLUTCH1_VALID, {"Clutch1Torque", "ClutchTorqueSum", "Clutch1Sigma", "ClutchCorrelation"}),
-        (Status.CLUTCH2_VALID, {"Clutch2Torque", "ClutchTorqueSum", "Clutch2Sigma", "ClutchCorrelation"}),
+        (Status.CLUTCH1_VALID, {f"Clutch1{x}" for x in ("Torque", "Sigma", "Power", "Residual")} | TWO_CLUTCHES),
+        (Status.CLUTCH2_VALID, {f"Clutch2{x}" for x in ("Torque", "Sigma", "Power", "Residual")} | TWO_CLUTCHES),
         (Status.OUTPUT_VALID, {"OutputTorque", "OutputTorqueAdaptive", "OutputSigma"}),
         (Status.GEARS_KNOWN, {"GearShaft1", "GearShaft2"}),
-        (Status.PHASES_KNOWN, {"Clutch1Phase", "Clutch2Phase"}),
+        (Status.PHASES_KNOWN, {"Clutch1Phase", "Clutch2Phase", "Clutch1Power", "Clutch2Power"}),
+        (Status.ENERGY1_KNOWN, {"Clutch1Energy"}),
+        (Status.ENERGY2_KNOWN, {"Clutch2Energy"}),
+        (Status.RESIDUAL1_KNOWN, {"Clutch1Residual"}),
+        (Status.RESIDUAL2_KNOWN, {"Clutch2Residual"}),
+        (Status.TEMPERATURE1_KNOWN, {"Clutch1Temperature"}),
+        (Status.TEMPERATURE2_KNOWN, {"Clutch2Temperature"}),
+        (Status.TIE_UP_KNOWN, {"TieUpProbability"}),
         (Status.ROAD_LOAD_LEARNED, {"RoadLoadTorque", "OutputTorqueAdaptive"}),
     ],
 )
@@ -170,7 +227,7 @@ def test_the_state_and_every_status_bit(status, state):
     }
 
 
-@given(st.lists(st.floats(allow_infinity=True, allow_nan=False), min_size=5, max_size=5))
+@given(st.lists(st.floats(allow_infinity=True, allow_nan=False), min_size=7, max_size=7))
 def test_any_number_is_saturated(numbers):
     signals = {
         "clutch1_torque_nm": ("DctClutchTorque", "Clutch1Torque", 1.0),
@@ -178,6 +235,8 @@ def test_any_number_is_saturated(numbers):
         "clutch1_slip_rad_s": ("DctClutchSlip", "Clutch1Slip", 60.0 / math.tau),
         "engine_torque_nm": ("DctStatus", "EngineTorqueEstimate", 1.0),
         "clutch_correlation": ("DctUncertainty", "ClutchCorrelation", 1.0),
+        "clutch1_energy_j": ("DctClutchEnergy", "Clutch1Energy", 1.0),
+        "clutch2_residual_nm": ("DctClutchResidual", "Clutch2Residual", 1.0),
     }
     found = read(OutputEncoder(DATABASE).encode(estimates([0], **dict(zip(signals, numbers, strict=True)))))
     for (message, signal, factor), number in zip(signals.values(), numbers, strict=True):
@@ -247,6 +306,10 @@ def test_other_identifiers():
         "DctClutchSlip": 5 | EXTENDED_ID,
         "DctStatus": 0x123,
         "DctUncertainty": 0x6F4,
+        "DctClutchPower": 0x6F5,
+        "DctClutchEnergy": 0x6F6,
+        "DctClutchResidual": 0x6F7,
+        "DctClutchTemperature": 0x6F8,
     }
     frames = encoder.encode(estimates([0]))
     assert set(frames.can_id.tolist()) == set(encoder.can_ids.values())
