@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from dctorque_can.bus.database import DatabaseFile, load_database
+from dctorque_can.pipeline.derived import TIE_UP_NM
 from dctorque_can.pipeline.estimates import ESTIMATE, Status
 
 from .demo import DBC
@@ -28,6 +29,12 @@ def test_every_status_bit() -> None:
         if numbers and all(number.isdigit() for number in numbers):
             told |= dict(zip(names, map(int, numbers), strict=True))
     assert told == {bit.name: bit.value for bit in Status}
+
+
+def test_the_threshold_of_a_tie_up() -> None:
+    (probability,) = [s for message in MESSAGES for s in message.signals if s.name == "TieUpProbability"]
+    assert f"more than {TIE_UP_NM:g} Nm" in (probability.comment or "")
+    assert f"a = {TIE_UP_NM:g} N·m" in TEXT
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda message: message.name)
