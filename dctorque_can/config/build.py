@@ -154,7 +154,13 @@ def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | 
     section = validate(document, path, model)
     for at, part in sound_parts(model, document.value(path), path, repair=True):
         if at != path:
-            _clutch_input(builder, at, 0 if at[-1] == "clutch1" else 1, part)
+            index = 0 if at[-1] == "clutch1" else 1
+            given = {entry.input.quantity for entry in builder.entries}
+            if isinstance(part, CommandSection) and Quantity.CLUTCH1_COMMAND + index in given:
+                reason = f"is the input {at[-1]}_command too: leave one of them out"
+                document.problems.append(document.problem(at, reason))
+            else:
+                _clutch_input(builder, at, index, part)
     if not isinstance(section, PhaseFromPosition | PhaseFromFlag | PhaseFromCommand):
         return None
     return PhaseSettings(

@@ -71,6 +71,10 @@ class InputsSection(Section):
     """Inclination of the road, positive uphill."""
     brake: InputSection | None = None
     """Any measure of braking, positive when braking."""
+    clutch1_command: InputSection | None = None
+    """Torque capacity that clutch 1 is commanded to; with clutch_phase.source: command it is given there."""
+    clutch2_command: InputSection | None = None
+    """Torque capacity that clutch 2 is commanded to."""
 
 
 QUANTITY_AT: dict[KeyPath, Quantity] = {
@@ -85,6 +89,8 @@ QUANTITY_AT: dict[KeyPath, Quantity] = {
     ("acceleration",): Quantity.ACCELERATION,
     ("grade",): Quantity.GRADE,
     ("brake",): Quantity.BRAKE,
+    ("clutch1_command",): Quantity.CLUTCH1_COMMAND,
+    ("clutch2_command",): Quantity.CLUTCH2_COMMAND,
 }
 
 

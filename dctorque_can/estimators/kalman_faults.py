@@ -48,8 +48,8 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     """Take a speed z of x_i unless its sensor is at fault.
 
     Beyond the gate it is one, unless the last measurements move smoothly (something moves the shaft that the model
-    does not know of), other sensors are beyond it too, or it has lasted for the patience of the gate: then the state
-    is opened to them.
+    does not know of), others are beyond it too, or it has lasted for the patience of the gate: then the state is
+    opened to them.
 
     Args:
         f: `kalman.FILTER`.

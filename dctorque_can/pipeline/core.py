@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman, oh2014, oh2014_model, tape
+from dctorque_can.estimators import kalman, kalman_gearbox, oh2014, oh2014_model, tape
 from dctorque_can.estimators.design import Method
 from dctorque_can.estimators.kalman import Kalman
+from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
@@ -261,11 +262,12 @@ def run(
     rows: NDArray[np.void],
     health_rows: NDArray[np.void],
     kalman_filter: Kalman,
+    deriveds: NDArray[np.void],
 ) -> tuple[int, int]:
     """Feed samples; return how many estimates and health rows were written."""
     core, rules, s = cores[0], rule[0], states[0]
     c, pair, health = constants[0], pairs[0], healths[0]
-    f = kalman_filter.state[0]
+    f, d = kalman_filter.state[0], deriveds[0]
     n_rows = n_health = 0
     for k in range(len(t_us)):
         quantity = int(quantities[k])
@@ -290,10 +292,13 @@ def run(
             health.numeric_resets += 1
             oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
             kalman.start(f, kalman_filter.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
+            if rules.method == Method.KALMAN:  # what is published next must be a number again
+                kalman_gearbox.conclude(f, kalman_filter.tables, kalman_filter.tuning[0])
             f.running = False
+        derived.follow(core, rules, s, f, d)
         if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us
-            publish(core, rules, s, c, pair, f, rows[n_rows])
+            publish(core, rules, s, c, pair, f, d, rows[n_rows])
             tape.published(f, kalman_filter.tables, kalman_filter.tuning[0])
             n_rows += 1
         if is_due(core, core.health_us, rules.health_period_us):

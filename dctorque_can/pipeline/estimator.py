@@ -15,7 +15,7 @@ from dctorque_can.estimators import kalman, oh2014, oh2014_model
 from dctorque_can.estimators.design import Method, RoadLoad
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.estimators.tape import TAPE
-from dctorque_can.pipeline import core, core_state
+from dctorque_can.pipeline import core, core_state, derived
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.rows import report
 from dctorque_can.pipeline.samples import N_QUANTITIES, Samples
@@ -64,11 +64,12 @@ class Estimator:
         self._kalman = kalman.new(
             settings.vehicle, settings.kalman, oh2014_model.MAX_GEAR + 2, needed=settings.method is Method.KALMAN
         )
+        self._derived = derived.new(self._rules["coolant"][0])
         self._health = np.zeros(1, HEALTH)
         oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
         # whatever `core.run` changes belongs here, or a recording cannot be smoothed
         untaped = self._kalman.state.view(np.uint8)[: kalman.FILTER.itemsize - TAPE.itemsize]
-        self._changing: Snapshot = (self._core, self._state, self._pair, self._health, untaped)
+        self._changing: Snapshot = (self._core, self._state, self._pair, self._health, self._derived, untaped)
 
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due."""
@@ -89,6 +90,7 @@ class Estimator:
             rows,
             health,
             self._kalman,
+            self._derived,
         )
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 
@@ -170,6 +172,12 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     limits = [CAPACITY_MARGIN * _static_capacity(clutch) for clutch in settings.vehicle.clutches]
     r["torque_limit"] = limits
     r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
+    for i, thermal in enumerate(clutch.thermal for clutch in settings.vehicle.clutches):
+        if thermal is not None:
+            r["heats"][i] = True
+            r["heat_capacity"][i] = thermal.heat_capacity_j_per_k
+            r["cooling"][i] = thermal.cooling_w_per_k
+            r["coolant"][i] = thermal.coolant_c
     r["method"] = settings.method
     r["sub_observer"] = design.sub_observer
     r["learns"] = design.road_load is RoadLoad.LEARNED

@@ -8,8 +8,10 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators import oh2014
 from dctorque_can.estimators.design import Method, SubObserver
 from dctorque_can.estimators.kalman_model import DT_E, T_V, W_B, W_C1, W_E
+from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
+from dctorque_can.pipeline.derived import bounded, clutch_torques, observed_torques
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
@@ -100,31 +102,23 @@ def judge_kalman(core: Any, rules: Any, f: Any, limited: bool) -> int:
 
 
 @compiled_without_allocation
-def bounded(value: float, limit: float) -> float:
-    """Return ``value`` within ±limit."""
-    return min(max(value, -limit), limit)
-
-
-@compiled_without_allocation
-def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) -> None:
+def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, d: Any, row: Any) -> None:
     """Write one estimate."""
     row.t_us = core.t_us
     limit_1, limit_2, limit_o = rules.torque_limit[0], rules.torque_limit[1], rules.output_limit
     adaptive = rules.sub_observer == SubObserver.ADAPTIVE
-    T_1, T_2 = s.T_c1, s.T_c2
-    if rules.sub_observer == SubObserver.UNKNOWN_INPUT:
-        T_1, T_2 = s.T_c1_uio, s.T_c2_uio
+    T_1, T_2 = observed_torques(rules, s)
     T_o = oh2014.after_losses(c, pair, pair.R_1 * T_1 + pair.R_2 * T_2)  # (31)
     T_o_adaptive = s.T_n + s.a_w * s.tau_o  # (47)
     if abs(s.w_w) < oh2014.STANDSTILL:
         T_o_adaptive = T_o  # (47) sees nothing at rest: brakes hold whatever the clutches do not
+    T_1, T_2 = clutch_torques(rules, s, f)
     if adaptive:
-        T_1, T_2, T_o = 0.0, 0.0, T_o_adaptive
+        T_o = T_o_adaptive
     T_e = core.value[ENGINE_TORQUE] + s.w_e * s.tau_e  # (46)
     T_c, T_v, w_e, w_1, w_2, a_w = s.T_c, s.T_n, s.w_e, core.w_c[0], core.w_c[1], s.a_w
     if rules.method == Method.KALMAN:
-        T_1, T_2, T_o = f.T_c1, f.T_c2, f.T_o
-        T_c, T_e, T_v = T_1 + T_2, f.T_en + f.x[DT_E], f.x[T_V]
+        T_o, T_c, T_e, T_v = f.T_o, T_1 + T_2, f.T_en + f.x[DT_E], f.x[T_V]
         w_e, w_1, w_2, a_w = f.x[W_E], f.x[W_C1], f.x[W_C1 + 1], f.rate[W_B]
         row.clutch1_sigma_nm = min(f.sigma_1, limit_1)
         row.clutch2_sigma_nm = min(f.sigma_2, limit_2)
@@ -161,6 +155,7 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) 
         core.status = judge_kalman(core, rules, f, limited)
     else:
         core.status = judge(core, rules, limited)
+    core.status |= derived.report(core, rules, pair, f, d, row)
     row.status = core.status
 
 
