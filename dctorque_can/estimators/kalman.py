@@ -59,8 +59,9 @@ FILTER = np.dtype(
         ("gear", "i8", (2,)),
         ("drives", "u1", (2,)),  # direction of the losses
         ("rejected", "i8", (_SENSORS,)),  # measurements in a row beyond the gate
-        ("taken", "i8", (_SENSORS,)),  # measurements within the gate since the start
+        ("taken", "i8", (_SENSORS,)),  # measurements within the gate, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
+        ("beyond", "i8", (_SENSORS,)),  # … and those beyond the gate
         ("T_c1", "f8"),
         ("T_c2", "f8"),
         ("sigma_1", "f8"),  # standard deviations of what is published
@@ -165,8 +166,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(N):
         f.rate[i] = 0.0
     for i in range(_SENSORS):
-        f.rejected[i] = f.taken[i] = 0
-        f.squares[i] = 0.0
+        f.rejected[i] = 0
 
 
 @compiled_without_allocation
@@ -253,15 +253,17 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     e = z - f.x[i]
     variance += (tuning.timing_error * f.rate[i]) ** 2
     S = f.P[i, i] + variance
-    if e * e > tuning.gate * S:
+    square = e * e / S
+    if not square <= tuning.gate:  # also when it is no number
         f.rejected[sensor] += 1
+        f.beyond[sensor] += 1
         if f.rejected[sensor] <= tuning.patience:
             return
         f.P[i, i] += e * e
     else:
         f.rejected[sensor] = 0
         f.taken[sensor] += 1
-        f.squares[sensor] += e * e / S
+        f.squares[sensor] += square
     measure(f, i, z, variance)
 
 

@@ -9,7 +9,7 @@ from dctorque_can.estimators import oh2014
 from dctorque_can.estimators.design import Method, SubObserver
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
-from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.estimates import SENSORS, Status
 from dctorque_can.pipeline.kalman_core import kalman_torques
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
@@ -22,6 +22,7 @@ _CONVERGED = int(Status.CONVERGED)
 _INPUT_STALE = int(Status.INPUT_STALE)
 _SPEED_IMPLAUSIBLE = int(Status.SPEED_IMPLAUSIBLE)
 _LIMITED = int(Status.LIMITED)
+_SENSORS = len(SENSORS)
 
 
 @compiled_without_allocation
@@ -119,9 +120,13 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) 
 
 
 @compiled_without_allocation
-def report(core: Any, health: Any, row: Any) -> None:
+def report(core: Any, health: Any, f: Any, row: Any) -> None:
     """Copy the counters into a health row."""
     row.t_us = core.t_us
+    for sensor in range(_SENSORS):
+        row.innovations[sensor] = f.taken[sensor]
+        row.innovation_squares[sensor] = f.squares[sensor]
+        row.innovations_rejected[sensor] = f.beyond[sensor]
     for quantity in range(N_QUANTITIES):
         row.accepted[quantity] = health.accepted[quantity]
         row.not_available[quantity] = health.not_available[quantity]
