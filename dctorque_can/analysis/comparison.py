@@ -33,6 +33,7 @@ class TorqueFigures:
 
     Attributes:
         rms_nm: root mean square.
+        rms_each_nm: … of each drive; None for one without such estimates.
         bias_nm: mean.
         peak_nm: largest magnitude.
         lag_ms: as `lag.lag_s` defines it; None when there is none to be told.
@@ -40,6 +41,7 @@ class TorqueFigures:
     """
 
     rms_nm: float
+    rms_each_nm: tuple[float | None, ...]
     bias_nm: float
     peak_nm: float
     lag_ms: float | None
@@ -144,11 +146,13 @@ def _figures(
     """Return the figures over the ``chosen`` rows of each drive, which are those within its ``windows``."""
     torques = {}
     for name in TORQUES:
-        error = np.concatenate([d.error[name][rows] for d, rows in zip(drives, chosen, strict=True)])
+        errors = [d.error[name][rows] for d, rows in zip(drives, chosen, strict=True)]
+        error = np.concatenate(errors)
         sigma = np.concatenate([d.sigma[name][rows] for d, rows in zip(drives, chosen, strict=True)])
         lag = lag_s([d.stretch(name, w) for d, spans in zip(drives, windows, strict=True) for w in spans])
         torques[name] = TorqueFigures(
-            rms_nm=float(np.sqrt(np.mean(error**2))),
+            rms_nm=_rms(error),
+            rms_each_nm=tuple(_rms(one) if len(one) else None for one in errors),
             bias_nm=float(np.mean(error)),
             peak_nm=float(np.max(np.abs(error))),
             lag_ms=None if lag is None else 1000 * lag,
@@ -158,6 +162,10 @@ def _figures(
         [(_pair(d.error), _pair(d.sigma), d.correlation, r) for d, r in zip(drives, chosen, strict=True)]
     )
     return Figures(sum(int(rows.sum()) for rows in chosen), torques, clutches)
+
+
+def _rms(error: Floats) -> float:
+    return float(np.sqrt(np.mean(error**2)))
 
 
 def _pair(columns: Mapping[str, Floats]) -> Floats:

@@ -92,10 +92,13 @@ def told_samples(samples: Samples, truth: NDArray[np.void]) -> Samples:
         for quantity, name in _TOLD.items()
     ]
     order = np.argsort(np.concatenate([np.tile(np.arange(len(ends)), len(_TOLD)), frame[kept]]), kind="stable")
-    columns = (
-        np.concatenate([getattr(part, name) for part in (*parts, samples[kept])])[order]
-        for name in ("t_us", "quantity", "value", "status")
-    )
+    parts.append(samples[kept])
     last = np.zeros(len(order), np.bool_)
     last[np.cumsum(len(_TOLD) + np.bincount(frame[kept], minlength=len(ends))) - 1] = True
-    return Samples(*columns, last)
+    return Samples(
+        np.concatenate([part.t_us for part in parts])[order],
+        np.concatenate([part.quantity for part in parts])[order],
+        np.concatenate([part.value for part in parts])[order],
+        np.concatenate([part.status for part in parts])[order],
+        last,
+    )
