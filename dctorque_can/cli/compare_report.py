@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from dctorque_can.analysis.consistency import LEVELS, Bands, Nees, Nis
-from dctorque_can.cli.figures import TORQUE_NAMES
+from dctorque_can.cli.torque_table import WIDTH, by_torque, table
 
 if TYPE_CHECKING:
     from dctorque_can.analysis.comparison import Figures, TorqueFigures
     from dctorque_can.daemon.comparison import VariantResult
 
-WIDTH = 100
 _PARTS = {"all": "whole drive", "shifts": "shifts ± 100 ms"}
 
 
@@ -97,9 +95,9 @@ def _nis(nis: Nis) -> dict[str, Any]:
 def show(report: dict[str, Any]) -> None:
     """Print a report on stdout."""
     console = Console(width=WIDTH, highlight=False, emoji=False)
-    for title, table in _tables(report):
+    for title, filled in _tables(report):
         console.print(Text(title, style="italic"))
-        console.print(table)
+        console.print(filled)
 
 
 def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:
@@ -109,13 +107,16 @@ def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:
     shifts = report["shift_count"]
     title = f"{report['name']}: {what}, {shifts} shift{'' if shifts == 1 else 's'}"
     if len(drives) == 1:
-        yield title, _by_torque(("RMS", "/bound"), ("N·m", ""), report, _rms_cells)
+        yield title, by_torque(("RMS", "/bound"), ("N·m", ""), _rows(report), _rms_cells)
     else:
-        yield title, _by_torque(("RMS", "mean ± sd", "/bound"), ("N·m", "N·m", ""), report, _rms_and_spread_cells)
-    yield "The same errors", _by_torque(("bias", "peak", "lag"), ("N·m", "N·m", "ms"), report, _error_cells)
+        yield (
+            title,
+            by_torque(("RMS", "mean ± sd", "/bound"), ("N·m", "N·m", ""), _rows(report), _rms_and_spread_cells),
+        )
+    yield "The same errors", by_torque(("bias", "peak", "lag"), ("N·m", "N·m", "ms"), _rows(report), _error_cells)
     title = "Errors within the stated bands (nominal: the heading), and mean negative log density"
     headings = (*(f"{level:.0%}" for level in LEVELS), "score")
-    yield title, _by_torque(headings, ("%", "%", "%", "nats"), report, _band_cells)
+    yield title, by_torque(headings, ("%", "%", "%", "nats"), _rows(report), _band_cells)
     title = "Both clutch torques together: mean NEES (2 is right), 95 % limits of an honest estimator"
     yield title, _nees_table(report)
     title = "Innovations of each speed: mean NIS (1 is right), 95 % limits of an honest filter"
@@ -125,36 +126,6 @@ def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:
 def _rows(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return what has a row in every table: the variants, and the bound below them."""
     return {**report["variants"], "bound": report["bound"]}
-
-
-def _table() -> Table:
-    return Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
-
-
-Cells = Callable[[dict[str, Any]], tuple[str, ...] | None]
-
-
-def _by_torque(headings: tuple[str, ...], units: tuple[str, ...], report: dict[str, Any], cells: Cells) -> Table:
-    """Return one row per torque and variant: figures of the whole drive, then those of the shifts."""
-    table = _table()
-    table.add_column("torque", no_wrap=True)
-    table.add_column("variant", no_wrap=True)
-    for part in ("all", "shifts"):
-        for n, (heading, unit) in enumerate(zip(headings, units, strict=True)):
-            above = part if n == 0 else ""
-            table.add_column(Text(f"{above}\n{heading}\n{unit}"), justify="right", no_wrap=True)
-    for torque, name in TORQUE_NAMES.items():
-        first = True
-        for variant, parts in _rows(report).items():
-            whole = cells(parts["all"][torque])
-            if whole is None:
-                continue
-            shifts = cells(parts["shifts"][torque]) if parts["shifts"] else None
-            row = (*whole, *(shifts or ("–",) * len(headings)))
-            table.add_row(name if first else "", Text(variant), *row)
-            first = False
-        table.add_section()
-    return table
 
 
 def _rms_cells(torque: dict[str, Any]) -> tuple[str, ...]:
@@ -185,18 +156,18 @@ def _band_cells(torque: dict[str, Any]) -> tuple[str, ...] | None:
 
 
 def _nees_table(report: dict[str, Any]) -> Table:
-    table = _table()
-    table.add_column("variant", no_wrap=True)
-    table.add_column("over", no_wrap=True)
+    filled = table()
+    filled.add_column("variant", no_wrap=True)
+    filled.add_column("over", no_wrap=True)
     for heading in ("NEES", "limits", "estimates", "independent", "σ are", "score"):
-        table.add_column(heading, justify="right", no_wrap=True)
+        filled.add_column(heading, justify="right", no_wrap=True)
     for variant, parts in _rows(report).items():
         for part, where in _PARTS.items():
             found = parts[part] and parts[part]["clutches"]
             if not found:
                 continue
             low, high = found["nees_low"], found["nees_high"]
-            table.add_row(
+            filled.add_row(
                 Text(variant),
                 where,
                 f"{found['nees']:.2f}",
@@ -206,19 +177,19 @@ def _nees_table(report: dict[str, Any]) -> Table:
                 _verdict(found["nees"], low, high),
                 f"{found['log_score']:.2f}",
             )
-    return table
+    return filled
 
 
 def _nis_table(report: dict[str, Any]) -> Table:
-    table = _table()
-    table.add_column("variant", no_wrap=True)
-    table.add_column("speed of", no_wrap=True)
+    filled = table()
+    filled.add_column("variant", no_wrap=True)
+    filled.add_column("speed of", no_wrap=True)
     for heading in ("NIS", "limits", "samples", "rejected", "σ are"):
-        table.add_column(heading, justify="right", no_wrap=True)
+        filled.add_column(heading, justify="right", no_wrap=True)
     for variant, parts in _rows(report).items():
         for n, (sensor, found) in enumerate(parts["sensors"].items()):
             low, high = found["nis_low"], found["nis_high"]
-            table.add_row(
+            filled.add_row(
                 Text("" if n else variant),
                 sensor.replace("_", " "),
                 f"{found['nis']:.2f}",
@@ -227,7 +198,7 @@ def _nis_table(report: dict[str, Any]) -> Table:
                 f"{found['rejected']}",
                 _verdict(found["nis"], low, high),
             )
-    return table
+    return filled
 
 
 def _verdict(mean: float, low: float, high: float) -> str:

@@ -138,13 +138,15 @@ class Study:
         }
 
 
-def load_study(path: Path, overrides: Mapping[str, str] | None = None, runs: int | None = None) -> Study:
+def load_study(
+    path: Path, overrides: Mapping[str, str] | None = None, changes: Mapping[str, Any] | None = None
+) -> Study:
     """Load a study and its vehicle.
 
     Args:
         path: of the study file.
         overrides: dotted key to value, laid over the vehicle file.
-        runs: instead of the file's.
+        changes: values of the study's own keys instead of the file's; None stands for the default.
 
     Raises:
         ConfigError: with every error of the study, and of the vehicle file if that is found.
@@ -152,13 +154,16 @@ def load_study(path: Path, overrides: Mapping[str, str] | None = None, runs: int
     document = parse(read_content(path), str(path))
     if not document.data:
         raise ConfigError(document.problems)
+    for key, value in (changes or {}).items():
+        document.data[key] = value
+        document.places[(key,)] = (f"--{key.removesuffix('_s')}", 0)
     plan = validate(document, (), StudySection)
     _check_limits(document)
     config = _vehicle(document, path, overrides)
     problems = sorted(document.problems, key=problem_order)
     if plan is None or config is None or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
-    return Study(path, plan if runs is None else plan.model_copy(update={"runs": runs}), config)
+    return Study(path, plan, config)
 
 
 def _check_limits(document: Document) -> None:
