@@ -125,7 +125,7 @@ def spreads(records: Sequence[Record]) -> dict[str, EstimatorSpread]:
 def _spread(name: str, records: Sequence[Record]) -> EstimatorSpread:
     parts = {}
     for part in PARTS:
-        there = [record["estimators"] for record in records if record["estimators"][name][part] is not None]
+        there = [e for record in records if (e := record["estimators"])[name][part] and e[BOUND][part]]
         if there:
             parts[part] = {
                 torque: _torque([e[name][part][torque] for e in there], [e[BOUND][part][torque] for e in there])

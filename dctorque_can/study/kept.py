@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ def kept(folder: Path | None, key: str, make: Callable[[], Signals]) -> Signals:
         return make()
     path = folder / f"{key}.npz"
     try:
-        with np.load(path) as columns:
+        with path.open("rb") as file, np.load(file) as columns:
             frames = Frames(**{name: columns[name] for name in Frames.__dataclass_fields__})
             return frames, columns["truth"]
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
@@ -47,6 +48,7 @@ def kept(folder: Path | None, key: str, make: Callable[[], Signals]) -> Signals:
             np.savez(file, truth=truth, **columns)
         part.rename(path)  # so that nobody ever reads half a drive
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink()
         raise DctorqueError(f"{path}: cannot be written: {error.strerror}") from error
     return frames, truth

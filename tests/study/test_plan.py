@@ -16,9 +16,26 @@ DOC = (Path(__file__).resolve().parents[2] / "docs" / "study.md").read_text()
 @pytest.mark.parametrize("path", shipped_studies(), ids=lambda path: path.stem)
 def test_shipped_studies_vary_everything(path: Path) -> None:
     study = load_study(path)
-    assert study.plan.runs == 200
-    assert set(study.vary) == set(FACTORS) - {"sensor_noise_factor"}  # it would repeat the three single ones
-    assert study.config.path.name == path.name
+    twice = {"sensor_noise_factor"}  # it would repeat the three single ones
+    if path.stem == "coverage":
+        assert study.plan.runs >= 50
+        assert set(study.vary) == set(FACTORS) - twice - {"payload_kg"}
+    else:
+        assert study.plan.runs == 200
+        assert set(study.vary) == set(FACTORS) - twice - {"mass_factor"}
+        assert study.config.path.name == path.name
+
+
+def test_keys_can_be_changed(write_study) -> None:
+    path = write_study()
+    plan = load_study(path, changes={"drive": "mixed", "duration_s": None, "runs": 9, "seed": 3}).plan
+    assert (plan.drive, plan.duration_s, plan.runs, plan.seed, plan.profile) == ("mixed", None, 9, 3, "production")
+    assert load_study(path, changes={"vehicle": "avante_dct7"}).config.name == "Avante DCT7"
+    with pytest.raises(ConfigError) as caught:
+        load_study(path, changes={"vehicle": "avante", "duration_s": 1.0})
+    told = {problem.file: problem.reason for problem in caught.value.problems}
+    assert "did you mean avante_dct7?" in told["--vehicle"]
+    assert "3" in told["--duration"]
 
 
 def test_names_are_found_as_those_of_vehicles_are(write_study, tmp_path: Path, monkeypatch) -> None:
