@@ -1,4 +1,4 @@
-"""The whole compiled filter, decisions and all, against the same one in plain matrices; what `tools/bench` times."""
+"""The whole compiled filter, decisions and all, against the one in plain matrices that `tools/bench` times."""
 
 import importlib
 from dataclasses import replace
