@@ -44,8 +44,8 @@ def kept(folder: Path | None, key: str, make: Callable[[], Signals]) -> Signals:
     part = path.with_suffix(f".{os.getpid()}.part")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as file:
-            np.savez(file, truth=truth, **columns)
+        with part.open("wb") as new:
+            np.savez(new, truth=truth, **columns)
         part.rename(path)  # so that nobody ever reads half a drive
     except OSError as error:
         with suppress(OSError):

@@ -17,6 +17,7 @@ from dctorque_can.config.load import Config, load_config, read_content
 from dctorque_can.config.problems import ConfigError, KeyPath
 from dctorque_can.config.section import Section, nearest, problem_order, sound_parts, validate
 from dctorque_can.resources import find_config, shipped_configs
+from dctorque_can.study.code import EVERYTHING, code
 from dctorque_can.study.factors import FACTORS
 
 CUT = 3.0
@@ -123,7 +124,7 @@ class Study:
         return {name: self.plan.vary[name] for name in FACTORS if name in self.plan.vary}
 
     def identity(self) -> dict[str, str]:
-        """Return what the result of run k depends on besides k: hashes of study and vehicle, and the version.
+        """Return what the result of run k depends on besides k: the version, and hashes of study, vehicle, code.
 
         The number of runs is not part of it: run k is the same whatever their number is.
         """
@@ -135,6 +136,7 @@ class Study:
             "study": _sha256(json.dumps(plan, sort_keys=True).encode()),
             "vehicle": _sha256(json.dumps(vehicle, sort_keys=True).encode()),
             "version": __version__,
+            "code": code(EVERYTHING),
         }
 
 

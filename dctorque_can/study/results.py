@@ -18,7 +18,11 @@ from dctorque_can.errors import DctorqueError
 from dctorque_can.study.run import Record
 
 FORMAT = "dctorque study 2"
-_WHAT = {"study": "another study (its file was changed)", "vehicle": "another vehicle file, DBC or --set"}
+_WHAT = {
+    "study": "another study (its file was changed)",
+    "vehicle": "another vehicle file, DBC or --set",
+    "code": "other code",
+}
 
 
 class Results:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can import __version__
 from dctorque_can.analysis.comparison import Figures, judge
 from dctorque_can.analysis.consistency import nis
 from dctorque_can.analysis.errors import TORQUES, compare
@@ -26,6 +25,7 @@ from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import simulate
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
 from dctorque_can.simulation.sensors import emit_frames
+from dctorque_can.study.code import SIMULATION, code
 from dctorque_can.study.draw import noise_seed
 from dctorque_can.study.factors import Car, varied
 from dctorque_can.study.kept import kept
@@ -162,7 +162,7 @@ class Bench:
     def _key(self, car: Car) -> str:
         """Return what frames and truth of a car depend on, as one hash."""
         databases = sorted((n, c) for n, c in self._setup.documents.items() if not n.endswith((".yaml", ".yml")))
-        depends_on = (__version__, car, self.nominal.vehicle.chassis.wheel_radius_m, databases)
+        depends_on = (code(SIMULATION), car, self.nominal.vehicle.chassis.wheel_radius_m, databases)
         return hashlib.sha256(repr(depends_on).encode()).hexdigest()[:32]
 
 

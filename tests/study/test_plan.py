@@ -7,6 +7,7 @@ import pytest
 from dctorque_can.config.problems import ConfigError
 from dctorque_can.errors import DctorqueError
 from dctorque_can.resources import find_study, shipped_config, shipped_studies
+from dctorque_can.study.code import EVERYTHING, SIMULATION, code
 from dctorque_can.study.factors import FACTORS
 from dctorque_can.study.plan import FactorSection, load_study
 
@@ -110,6 +111,7 @@ def test_the_identity_is_what_the_runs_depend_on(write_study) -> None:
         identity(vehicle="avante_dct7"),
     ]
     assert len({str(one) for one in different}) == len(different)
+    assert identity()["code"] == code(EVERYTHING) != code(SIMULATION)
 
 
 def test_every_key_and_factor_is_documented() -> None:
