@@ -93,6 +93,9 @@ def replay(
             f"{result.estimates} {'smoothed ' if smooth else ''}estimates, "
             f"{result.valid_estimates} with valid clutch torques" + (f", in {output}" if output else "")
         )
+        if result.health["nis"]:
+            sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())
+            say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")
         if result.errors is not None:

@@ -108,13 +108,15 @@ def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config
     return load_documents(documents, overrides)
 
 
-def truth_of(log: Path) -> NDArray[np.void]:
-    """Return the truth of a simulated log: in the MCAP itself, or beside a log of another format.
+_NEEDED = "comparing needs a log of `dctorque simulate`"
+
+
+def truth_source(log: Path) -> Path:
+    """Return the file with the truth of a simulated log: the MCAP itself, or beside a log of another format.
 
     Raises:
         DctorqueError: there is none.
     """
-    needed = "comparing needs a log of `dctorque simulate`"
     plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
     if plain.suffix.lower() == ".asc":
         raise DctorqueError(
@@ -123,11 +125,20 @@ def truth_of(log: Path) -> NDArray[np.void]:
         )
     source = truth_path(plain)
     if source != log and not source.exists():
-        raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {needed}")
+        raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {_NEEDED}")
+    return source
+
+
+def truth_of(log: Path) -> NDArray[np.void]:
+    """Return the truth of a simulated log.
+
+    Raises:
+        DctorqueError: there is none.
+    """
     try:
-        return read_truth(source)
+        return read_truth(truth_source(log))
     except LogReadError as error:
-        raise LogReadError(f"{error}; {needed}") from error
+        raise LogReadError(f"{error}; {_NEEDED}") from error
 
 
 def replay_logs(

@@ -80,8 +80,9 @@ FILTER = np.dtype(
         ("spread_known", "u1", (2,)),
         ("spread_us", "i8", (2,)),  # when it was last found as usual
         ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
-        ("taken", "i8", (_SENSORS,)),  # measurements within the gate since the start
+        ("taken", "i8", (_SENSORS,)),  # measurements within the gate, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
+        ("beyond", "i8", (_SENSORS,)),  # … and those beyond the gate
         ("T_c1", "f8"),
         ("T_c2", "f8"),
         ("sigma_1", "f8"),  # standard deviations of what is published
@@ -150,8 +151,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(N):
         f.rate[i] = 0.0
     for i in range(_SENSORS):
-        f.rejected[i] = f.taken[i] = 0
-        f.squares[i] = 0.0
+        f.rejected[i] = 0
     for i in range(_SPEEDS):
         f.repeats[i] = 0
         f.last[i], f.repeat_share[i] = math.nan, 0.5

@@ -74,6 +74,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
         measure(f, i, z, variance)
         return
     f.rejected[sensor] += 1
+    f.beyond[sensor] += 1
     d, last_d = e - f.last_e[sensor, 0], f.last_e[sensor, 0] - f.last_e[sensor, 1]
     f.last_e[sensor, 1], f.last_e[sensor, 0] = f.last_e[sensor, 0], e
     parallel = f.rejected[sensor] > 1 and d * d < _NOISE_OF_CHANGE * 2.0 * S

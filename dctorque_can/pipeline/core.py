@@ -303,6 +303,6 @@ def run(
             n_rows += 1
         if is_due(core, core.health_us, rules.health_period_us):
             core.health_us = core.t_us
-            report(core, health, health_rows[n_health])
+            report(core, health, f, health_rows[n_health])
             n_health += 1
     return n_rows, n_health

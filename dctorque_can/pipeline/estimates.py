@@ -86,10 +86,16 @@ ESTIMATE = np.dtype(
 )
 """One estimate. Units are in the names; every float is finite."""
 
+SENSORS = ("engine", "shaft1", "shaft2", "driven_wheels", "undriven_wheels")
+"""The speeds that the Kalman filter measures, in the order of its innovations."""
+
 HEALTH = np.dtype(
     [
         ("t_us", "i8"),
         ("age_us", "i8", (N_QUANTITIES,)),  # per Quantity; -1: never seen
+        ("innovations", "i8", (len(SENSORS),)),  # speeds that the Kalman filter took; 0 with the 2014 observer
+        ("innovation_squares", "f8", (len(SENSORS),)),  # … and the sum of their normalised innovations squared
+        ("innovations_rejected", "i8", (len(SENSORS),)),  # speeds beyond its gate
         ("accepted", "u4", (N_QUANTITIES,)),  # samples since the start, likewise below
         ("not_available", "u4", (N_QUANTITIES,)),
         ("out_of_range", "u4", (N_QUANTITIES,)),

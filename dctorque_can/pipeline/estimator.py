@@ -117,7 +117,7 @@ class Estimator:
     def health(self) -> NDArray[np.void]:
         """`HEALTH` ``[1]``: the counters at the time of the last frame."""
         row = np.zeros(1, HEALTH)
-        report(self._core[0], self._health[0], row[0])
+        report(self._core[0], self._health[0], self._kalman.state[0], row[0])
         return row
 
 

@@ -12,7 +12,7 @@ from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
 from dctorque_can.pipeline.derived import bounded, clutch_torques, observed_torques
-from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.estimates import SENSORS, Status
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
 _CLUTCH1_VALID = int(Status.CLUTCH1_VALID)
@@ -29,6 +29,7 @@ _LIMITED = int(Status.LIMITED)
 _FIRST_FAULT = int(Status.ENGINE_SPEED_FAULT)
 _VALID_SHARE = 0.1  # of its plausibility limit that a clutch torque's standard deviation may be
 _VALID_OUTPUT_SHARE = 0.02  # … the output torque's and the road load's
+_SENSORS = len(SENSORS)
 
 
 @compiled_without_allocation
@@ -160,9 +161,13 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, d: Any, ro
 
 
 @compiled_without_allocation
-def report(core: Any, health: Any, row: Any) -> None:
+def report(core: Any, health: Any, f: Any, row: Any) -> None:
     """Copy the counters into a health row."""
     row.t_us = core.t_us
+    for sensor in range(_SENSORS):
+        row.innovations[sensor] = f.taken[sensor]
+        row.innovation_squares[sensor] = f.squares[sensor]
+        row.innovations_rejected[sensor] = f.beyond[sensor]
     for quantity in range(N_QUANTITIES):
         row.accepted[quantity] = health.accepted[quantity]
         row.not_available[quantity] = health.not_available[quantity]

@@ -14,7 +14,8 @@ from dctorque_can import __version__
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_reader import read_table
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES
+from dctorque_can.logs.table import ESTIMATES, HEALTH
+from dctorque_can.pipeline.estimates import SENSORS
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 
@@ -172,6 +173,21 @@ def test_the_demo_keeps_the_promised_errors(
     assert (tmp_path / result["plot"]).read_bytes().startswith(b"\x89PNG")
     replayed = dctorque("replay", result["log"], "-o", "again.mcap", "--truth", "--json")
     assert json.loads(replayed.out)["errors"]["clutch1_nm"]["rms"] == result["rms"]["clutch1_nm"]
+
+
+def test_replay_says_what_the_innovations_are_worth(dctorque) -> None:
+    assert dctorque("simulate", "-o", "drive.mcap", "--duration", 2).code == 0
+    plain = dctorque("replay", "drive.mcap", "-o", "plain.mcap")
+    assert "innovations" not in plain.err
+    kalman = ("replay", "drive.mcap", "-o", "kalman.mcap", "--force", "--set", "estimator.method=kalman")
+    shown = dctorque(*kalman)
+    assert "normalised innovations squared (1 is right): engine 0." in " ".join(shown.err.split())
+    health = json.loads(dctorque(*kalman, "--json").out)["health"]
+    last = read_table(Path("kalman.mcap"), HEALTH)[-1]
+    assert list(health["nis"]) == list(SENSORS)
+    assert health["nis"]["engine"] == pytest.approx(
+        last["innovation_squares"][0] / last["innovations"][0], rel=0.2
+    )
 
 
 def test_the_demo_shows_a_table_to_people(dctorque_process, tmp_path: Path) -> None:

@@ -219,6 +219,43 @@ def test_the_2014_observer_has_no_uncertainty(drives):
         assert (rows[name] == 0.0).all()
 
 
+def test_innovations_are_counted_through_restarts():
+    """Every speed that came while the filter ran was taken or refused; a gap and a spoiled state lose nothing."""
+    ours = replace(HAND_MADE, method=Method.KALMAN)
+    speeds = (Q.ENGINE_SPEED, Q.SHAFT1_SPEED, Q.SHAFT2_SPEED, Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FL)
+    estimator = Estimator(ours)
+    health = [estimator.feed(traffic(2.0, lambda t: cruise())).health]
+    estimator._kalman.state["x"][0, 3] = np.nan
+    health.append(estimator.feed(traffic(2.0, lambda t: cruise(), 2_000_000)).health)
+    health.append(estimator.feed(traffic(2.0, lambda t: cruise(slip=90.0), 9_000_000)).health)
+    rows = np.concatenate(health)
+    last = estimator.health[0]
+    assert (last["numeric_resets"], last["gap_resets"]) == (1, 1)
+    missed = last["accepted"][list(speeds)] - last["innovations"] - last["innovations_rejected"]
+    assert (missed >= 0).all()
+    assert (missed <= 3).all()  # the first of both starts, and the frame that found the state spoiled
+    for name in ("innovations", "innovation_squares", "innovations_rejected"):
+        assert (np.diff(rows[name].astype(float), axis=0) >= 0).all()
+        assert np.isfinite(rows[name].astype(float)).all()
+    assert (
+        not Estimator(replace(ours, method=Method.OH2014))
+        .feed(traffic(2.0, lambda t: cruise()))
+        .health["innovations"]
+        .any()
+    )
+
+
+def test_the_mean_of_a_period_is_a_difference_of_two_records(drives):
+    """1 kHz signals of known white noise: the engine's NIS is near one in every period once the car moves."""
+    estimator = Estimator(LABORATORY_SETTINGS)
+    rows = estimator.feed(drives["laboratory"]).health
+    period_us = LABORATORY_SETTINGS.health_period_us
+    assert len(rows) == pytest.approx(16e6 / period_us, abs=2)
+    n, squares = np.diff(rows["innovations"][:, 0]), np.diff(rows["innovation_squares"][:, 0])
+    assert n == pytest.approx(period_us / 1000, abs=1)
+    assert (squares / n)[1:] == pytest.approx(1.0, abs=6 * np.sqrt(2 / n[0]))
+
+
 def test_odd_values_stay_finite():
     """Speeds, torques and gears drawn at random, the clock included, give finite rows within their limits."""
     random = np.random.default_rng(7)
