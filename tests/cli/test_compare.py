@@ -127,7 +127,7 @@ def test_the_tables(dctorque) -> None:
 
 
 def test_more_variants_and_seeds(dctorque) -> None:
-    same = "same=estimator.method=kalman,estimator.kalman.gate_patience=20"
+    same = "same=estimator.method=kalman,estimator.kalman.gate_patience_s=2"
     run = ("compare", "--duration", 3, "--json", "--variant", same, "--seeds", 2, "--seed", 5)
     outcome = dctorque(*run)
     assert outcome.code == 0, outcome.err
@@ -135,7 +135,7 @@ def test_more_variants_and_seeds(dctorque) -> None:
     assert [name[-6:] for name in result["drives"]] == ["seed 5", "seed 6"]
     assert list(result["variants"]) == ["oh2014", "kalman", "same"]
     variants = result["variants"]
-    assert variants["same"]["set"] == {"estimator.method": "kalman", "estimator.kalman.gate_patience": "20"}
+    assert variants["same"]["set"] == {"estimator.method": "kalman", "estimator.kalman.gate_patience_s": "2"}
     assert variants["same"]["all"] == variants["kalman"]["all"]
     assert variants["same"]["shifts"] is None
     assert variants["kalman"]["all"] != variants["oh2014"]["all"]
