@@ -72,6 +72,12 @@ def _status(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
         "SpeedImplausible": _flag(_has(rows, Status.SPEED_IMPLAUSIBLE)),
         "EstimateLimited": _flag(_has(rows, Status.LIMITED)),
         "EngineTorqueEstimate": _where(~_has(rows, Status.INPUT_STALE), rows["engine_torque_nm"]),
+        "EngineSpeedFault": _flag(_has(rows, Status.ENGINE_SPEED_FAULT)),
+        "Shaft1SpeedFault": _flag(_has(rows, Status.SHAFT1_SPEED_FAULT)),
+        "Shaft2SpeedFault": _flag(_has(rows, Status.SHAFT2_SPEED_FAULT)),
+        "DrivenWheelsFault": _flag(_has(rows, Status.DRIVEN_WHEELS_FAULT)),
+        "UndrivenWheelsFault": _flag(_has(rows, Status.UNDRIVEN_WHEELS_FAULT)),
+        "EngineTorqueFault": _flag(_has(rows, Status.ENGINE_TORQUE_FAULT)),
     }
 
 

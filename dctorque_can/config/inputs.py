@@ -59,10 +59,10 @@ class InputsSection(Section):
     """Engine speed."""
     engine_torque: InputSection
     """Nominal net engine torque T_en at the flywheel (indicated minus friction)."""
-    shaft1_speed: InputSection
-    """Speed of input shaft 1, behind clutch 1."""
-    shaft2_speed: InputSection
-    """Speed of input shaft 2, behind clutch 2."""
+    shaft1_speed: InputSection | None = None
+    """Speed of input shaft 1, behind clutch 1; only the method kalman can do without it."""
+    shaft2_speed: InputSection | None = None
+    """Speed of input shaft 2, behind clutch 2; only the method kalman can do without it."""
     wheel_speeds: WheelSpeedsSection
     """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
     acceleration: InputSection | None = None

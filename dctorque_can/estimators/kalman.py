@@ -82,7 +82,7 @@ FILTER = np.dtype(
         ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
         ("taken", "i8", (_SENSORS,)),  # measurements within the gate, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
-        ("beyond", "i8", (_SENSORS,)),  # … and those beyond the gate
+        ("beyond", "i8", (_SENSORS,)),  # … and those that were not believed
         ("T_c1", "f8"),
         ("T_c2", "f8"),
         ("sigma_1", "f8"),  # standard deviations of what is published

@@ -98,7 +98,7 @@ def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float
     """Return whether a value is repeated although the shaft turns faster or slower, or far too often.
 
     How often a sound sensor repeats itself while it turns, by its resolution or as its message is the faster, is
-    learned; that many repetitions in a row must be less likely than `_CHANCE`.
+    learned; that many repetitions in a row must be less likely than `_CHANCE`, while other signals change.
 
     Signals are the engine, both shafts, and the wheels FL, FR, RL, RR.
     """
@@ -114,7 +114,17 @@ def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float
     moved = f.x[i] - f.repeat_from[signal]
     S = f.P[i, i] + variance + (tuning.timing_error * f.rate[i]) ** 2
     likely = max(f.repeat_share[signal], _LEAST_SHARE) ** f.repeats[signal]
-    return bool(moved * moved > _MOVED * _MOVED * S or likely < _CHANCE)
+    return bool(moved * moved > _MOVED * _MOVED * S or (likely < _CHANCE and others_change(f, signal)))
+
+
+@compiled_without_allocation
+def others_change(f: Any, signal: int) -> bool:
+    """Return whether at least two other signals have repeated themselves far less: not all is constant."""
+    count = 0
+    for other in range(len(f.repeats)):
+        if not math.isnan(f.last[other]) and 2 * f.repeats[other] < f.repeats[signal]:
+            count += 1
+    return count >= 2
 
 
 @compiled_without_allocation

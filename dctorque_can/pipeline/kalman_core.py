@@ -150,6 +150,7 @@ def measure_speed(
     if core.fresh[quantity]:
         if kalman_faults.is_stuck(f, tuning, sensor, state, z, variance):
             kalman_faults.blame(f, sensor, _STUCK)
+            f.beyond[sensor] += 1
         else:
             kalman_faults.measure_gated(f, tuning, sensor, state, z, variance, free)
     elif core.stale[quantity] and rules.mapped[quantity]:
@@ -184,11 +185,13 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
         there_l, there_r = there_l and odd != 1, there_r and odd != 2
         fault = _SPIKE if odd != 0 else 0
     usual = 0.5 * f.spread[axle] if f.spread_known[axle] else 0.0
-    if there_l and there_r:
+    if not there_l and not there_r:
+        f.beyond[sensor] += 1
+    elif there_l and there_r:
         kalman_faults.measure_gated(f, tuning, sensor, state, 0.5 * (w_l + w_r), 0.5 * variance, False)
     elif there_l:
         kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance, False)
-    elif there_r:
+    else:
         kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance, False)
     if fault != 0:
         kalman_faults.blame(f, sensor, fault)

@@ -100,6 +100,7 @@ def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, kalman:
     assert changed == {
         *("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm"),
         *("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm", "clutch_correlation"),
+        "clutch_torque_sum_nm",
     }
     assert (after["clutch1_sigma_nm"] <= before["clutch1_sigma_nm"]).all()
     for topic in (HEALTH, "/signals/Gearbox", "/dctorque/truth"):
