@@ -11,6 +11,7 @@ from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, oh201
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.estimators.kalman_faults import SensorFault
 from dctorque_can.estimators.kalman_model import DT_E, W_B, W_C1, W_E, W_W, N
+from dctorque_can.estimators.kalman_noise import engine_variance
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
@@ -134,7 +135,7 @@ def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
         kalman.let_engine_torque_age(f, tuning, seconds)
         kalman_faults.blame(f, _TORQUE, _MISSING)
         return
-    limit = _IMPLAUSIBLE_TORQUE**2 * kalman.engine_variance(tuning, f.T_en)
+    limit = _IMPLAUSIBLE_TORQUE**2 * engine_variance(tuning, f.T_en)
     if f.x[DT_E] ** 2 > limit + _IMPLAUSIBLE_TORQUE**2 * f.P[DT_E, DT_E]:
         kalman_faults.blame(f, _TORQUE, _BIASED)
     else:
