@@ -1,6 +1,6 @@
 """The Kalman filter's linear algebra as one would write it first: plain numpy, F @ P @ F.T.
 
-`tools/bench` lets it do the predictions and scalar updates of the compiled filter on a drive, as its tape has them,
+`tools/bench` lets it do the predictions and scalar updates of the compiled filter on a drive, by the filter's tape,
 and times both. The decisions between them (gears, phases, faults) cost it nothing here.
 """
 
