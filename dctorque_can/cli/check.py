@@ -171,6 +171,8 @@ def _missing_row(name: str, config: Config) -> dict[str, Any]:
     lost = LOST[name]
     if name.startswith("gear") and config.settings.gear_inference is not None:
         lost = "nothing: inferred from the ratio of shaft to wheel speed"
+    if name in ("shaft1_speed", "shaft2_speed"):  # only the method kalman lets them be missing
+        lost = "its slip and torque are known from engine and wheels alone"
     return {"quantity": name, "key": "", "present": False, "signals": [], "lost": lost}
 
 

@@ -74,7 +74,7 @@ FILTER = np.dtype(
         ("rejected", "i8", (_SENSORS,)),  # measurements in a row that were not believed
         ("last", "f8", (_SPEEDS,)),  # last measurement, wheels apart
         ("repeats", "i8", (_SPEEDS,)),  # for how many measurements it has been the very same
-        ("repeat_from", "f8", (_SPEEDS,)),  # … and what was predicted for the first of them
+        ("repeat_from", "f8", (_SPEEDS,)),  # … and what was predicted for the first repetition
         ("repeat_share", "f8", (_SPEEDS,)),  # how often it repeats itself otherwise
         ("spread", "f8", (2,)),  # rad/s, left less right wheel of the front and of the rear axle
         ("spread_known", "u1", (2,)),

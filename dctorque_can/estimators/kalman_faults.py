@@ -35,6 +35,7 @@ _LEAST_SHARE = 0.2
 _RISING, _FALLING = 0.1, 0.005  # per change: what was learned at a constant speed is kept through faster ones
 _LONGEST_RUN = 50  # longer ones teach nothing
 _LARGEST_JUMP = 0.2  # rad/s between two wheels of an axle from sample to sample, in a change of lane
+_LARGEST_SPREAD = 0.15  # of the speed, in the narrowest bend
 _SPREAD_PER_US = 1e-6 / 0.5  # that difference is learned within half a second
 _FIRST_WHEEL = 3
 _TELLING_REPEATS = 3
@@ -64,6 +65,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     variance += (tuning.timing_error * f.rate[i]) ** 2
     S = f.P[i, i] + variance
     if free and e * e > tuning.gate * S:
+        f.fault[sensor] = f.rejected[sensor] = 0
         f.P[i, i] += e * e
         measure(f, i, z, variance)
         return
@@ -79,7 +81,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     f.last_e[sensor, 1], f.last_e[sensor, 0] = f.last_e[sensor, 0], e
     parallel = f.rejected[sensor] > 1 and d * d < _NOISE_OF_CHANGE * 2.0 * S
     smooth = (d - last_d) ** 2 < _NOISE_OF_CHANGE * 6.0 * S
-    if f.fault[sensor] == 0:
+    if f.fault[sensor] == 0 or f.rejected[sensor] == 1:
         f.fault_us[sensor] = f.t_us
     if f.t_us - f.fault_us[sensor] < tuning.patience_us and at_fault(f) < _TOO_MANY:
         if parallel:
@@ -106,9 +108,11 @@ def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float
         if abs(z) > _TURNS and f.repeats[signal] < _LONGEST_RUN:
             change = f.repeats[signal] / (f.repeats[signal] + 1.0) - f.repeat_share[signal]
             f.repeat_share[signal] += (_RISING if change > 0.0 else _FALLING) * change
-        f.last[signal], f.repeats[signal], f.repeat_from[signal] = z, 0, f.x[i]
+        f.last[signal], f.repeats[signal] = z, 0
         return False
     f.repeats[signal] += 1
+    if f.repeats[signal] == 1:
+        f.repeat_from[signal] = f.x[i]
     if abs(z) <= _TURNS:
         return False
     moved = f.x[i] - f.repeat_from[signal]
@@ -133,13 +137,18 @@ def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float)
 
     The wheels differ in bends and by their tyres, and that changes slowly. When it jumps, or a wheel falls behind,
     the odd one is the one that repeats itself, else the one further from the prediction; but what lasts for the
-    patience of the gate is how the wheels differ now.
+    patience of the gate, and can be on a road, is how the wheels differ now.
     """
     usual = f.spread[axle]
     change = (left - right) - usual
-    if not f.spread_known[axle] or f.t_us - f.spread_us[axle] > tuning.patience_us:
+    fast, slow = max(abs(left), abs(right)), min(abs(left), abs(right))
+    possible = fast - slow <= _LARGEST_SPREAD * fast + _TURNS
+    lasting = not f.spread_known[axle] or f.t_us - f.spread_us[axle] > tuning.patience_us
+    if lasting and possible:
         f.spread[axle], f.spread_known[axle], f.spread_us[axle] = left - right, True, f.t_us
         return 0
+    if not possible and slow <= _TURNS:  # dead, or its signal is
+        return 1 if abs(left) < abs(right) else 2
     if abs(change) <= _LARGEST_JUMP + math.sqrt(2.0 * tuning.gate * tuning.wheel_variance):
         f.spread[axle] += min((f.t_us - f.spread_us[axle]) * _SPREAD_PER_US, 1.0) * change
         f.spread_us[axle] = f.t_us
@@ -156,6 +165,13 @@ def blame(f: Any, sensor: int, fault: int) -> None:
     if f.fault[sensor] == 0:
         f.fault_us[sensor] = f.t_us
     f.fault[sensor] = fault
+
+
+@compiled_without_allocation
+def leave_out(f: Any, sensor: int, fault: int) -> None:
+    """Blame a sensor whose measurement is not even held against the prediction."""
+    blame(f, sensor, fault)
+    f.rejected[sensor] = 0
 
 
 @compiled_without_allocation

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.estimators.design import KalmanDesign
 from dctorque_can.estimators.kalman_model import arms
+from dctorque_can.estimators.oh2014_model import MAX_GEAR
 
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
-GEARS = 10  # places for gear numbers −1 … 8
+GEARS = MAX_GEAR + 2  # places for gear numbers from −1
 
 TUNING = np.dtype(
     [

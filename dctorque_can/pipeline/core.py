@@ -212,28 +212,30 @@ def take_value(core: Any, health: Any, quantity: int, value: float, status: int)
 
 
 @compiled_without_allocation
-def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_us: int) -> None:
+def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, f: Any, t_us: int) -> None:
     """Advance to the time of a sample; a gap or a step back of the clock starts anew there, and is counted."""
     if core.t_us == NEVER:
         core.t_us = core.origin_us = t_us
     elif t_us < core.t_us:
         if core.t_us - t_us > rules.max_step_back_us:
             health.clock_resets += 1
-            forget(core, t_us)
+            forget(core, f, t_us)
         else:
             health.late_frames += 1
     elif t_us - core.t_us > rules.max_gap_us:
         health.gap_resets += 1
-        forget(core, t_us)
+        forget(core, f, t_us)
     else:
         advance(core, rules, s, c, pair, t_us)
 
 
 @compiled_without_allocation
-def forget(core: Any, t_us: int) -> None:
+def forget(core: Any, f: Any, t_us: int) -> None:
     """Drop all inputs and go to ``t_us``."""
     core.t_us = core.origin_us = t_us
-    core.running = False
+    core.running = f.running = False
+    for signal in range(len(f.fault)):
+        f.fault[signal] = 0
     core.estimate_us = core.health_us = core.implausible_us = NEVER
     for quantity in range(N_QUANTITIES):
         core.seen_us[quantity] = NEVER
@@ -277,7 +279,7 @@ def run(
                 status = _OUT_OF_RANGE
             if (status == SampleStatus.OK or status == SampleStatus.NOT_AVAILABLE) and not core.frame_ok:
                 # the frame itself is sound, so its time counts even if it brings no value
-                take_time(core, rules, s, c, pair, health, min(max(t_us[k], -LATEST_US), LATEST_US))
+                take_time(core, rules, s, c, pair, health, f, min(max(t_us[k], -LATEST_US), LATEST_US))
                 core.frame_ok = True
             take_value(core, health, quantity, values[k], status)
         if not lasts[k] or not core.frame_ok:

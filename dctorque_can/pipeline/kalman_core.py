@@ -26,6 +26,7 @@ from dctorque_can.pipeline.decisions import (
 from dctorque_can.pipeline.settings import DrivenAxle
 
 BRIDGED_US = 500_000  # for so long the model stands in for an input that is missing
+SLIP_VARIANCE = 0.25  # (rad/s)², of driven wheels against the body
 SAME_TIME_US = 25_000  # apart, two wheels of an axle can still be compared
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
 _REAR_WHEEL = WHEEL + 2
@@ -61,7 +62,8 @@ def shaft_speed(core: Any, rules: Any, tuning: Any, i: int, w_w: float) -> float
 def seen_lately(core: Any, quantity: int) -> bool:
     """Return whether an input has had a value within the time that the model bridges."""
     seen = core.seen_us[quantity]
-    return bool(core.available[quantity]) and seen != NEVER and core.t_us - seen <= BRIDGED_US
+    lately = seen != NEVER and core.t_us - seen <= BRIDGED_US
+    return usable(core, quantity) or (bool(core.available[quantity]) and lately)
 
 
 @compiled_without_allocation
@@ -116,6 +118,7 @@ def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     measure_axle(
         core, f, tuning, _REAR_WHEEL, rules.driven_axle != DrivenAxle.FRONT, _DRIVEN if rear else _UNDRIVEN
     )
+    stand_in_for_undriven(core, rules, f)
     kalman_gearbox.decide_directions(f, tuning, phase_1, phase_2)
     kalman_gearbox.conclude(f, tables, tuning)
 
@@ -150,12 +153,25 @@ def measure_speed(
     z = core.value[quantity]
     if core.fresh[quantity]:
         if kalman_faults.is_stuck(f, tuning, sensor, state, z, variance):
-            kalman_faults.blame(f, sensor, _STUCK)
+            kalman_faults.leave_out(f, sensor, _STUCK)
             f.beyond[sensor] += 1
         else:
             kalman_faults.measure_gated(f, tuning, sensor, state, z, variance, free)
     elif core.stale[quantity] and rules.mapped[quantity]:
-        kalman_faults.blame(f, sensor, _MISSING)
+        kalman_faults.leave_out(f, sensor, _MISSING)
+
+
+@compiled_without_allocation
+def stand_in_for_undriven(core: Any, rules: Any, f: Any) -> None:
+    """Let the driven wheels tell of the body, within their slip, when no wheel is there that rolls with it."""
+    undriven = WHEEL if rules.driven_axle == DrivenAxle.REAR else _REAR_WHEEL
+    rolls = usable(core, undriven) or usable(core, undriven + 1)
+    if rolls and rules.driven_axle != DrivenAxle.ALL:
+        return
+    for quantity in range(WHEEL, WHEEL + 4):
+        if core.fresh[quantity]:
+            kalman.measure(f, W_B, f.x[W_W], SLIP_VARIANCE)
+            return
 
 
 @compiled_without_allocation
@@ -180,11 +196,13 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
         there_l, fault = False, _STUCK
     if there_r and kalman_faults.is_stuck(f, tuning, signal + 1, state, w_r, variance):
         there_r, fault = False, _STUCK
-    together = there_l and there_r
-    if together or ((there_l or there_r) and near_in_time(core, left)):
+    if fault == 0 and ((there_l and there_r) or near_in_time(core, left)):
         odd = kalman_faults.odd_wheel(f, tuning, axle, state, w_l, w_r)
         there_l, there_r = there_l and odd != 1, there_r and odd != 2
-        fault = _SPIKE if odd != 0 else 0
+        if odd != 0:
+            fault = _SPIKE
+    if fault == 0 and (core.stale[left] or core.stale[left + 1]):
+        fault = _MISSING
     usual = 0.5 * f.spread[axle] if f.spread_known[axle] else 0.0
     if not there_l and not there_r:
         f.beyond[sensor] += 1

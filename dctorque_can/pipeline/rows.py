@@ -119,6 +119,8 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, d: Any, ro
     T_e = core.value[ENGINE_TORQUE] + s.w_e * s.tau_e  # (46)
     T_c, T_v, w_e, w_1, w_2, a_w = s.T_c, s.T_n, s.w_e, core.w_c[0], core.w_c[1], s.a_w
     if rules.method == Method.KALMAN:
+        if not core.running:  # the 2014 observer, which runs along, has not all that it needs
+            T_o_adaptive = f.T_o
         T_o, T_c, T_e, T_v = f.T_o, T_1 + T_2, f.T_en + f.x[DT_E], f.x[T_V]
         w_e, w_1, w_2, a_w = f.x[W_E], f.x[W_C1], f.x[W_C1 + 1], f.rate[W_B]
         row.clutch1_sigma_nm = min(f.sigma_1, limit_1)

@@ -203,6 +203,71 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
         assert Status(int(named)) & FLAGS[signal]
 
 
+@pytest.mark.parametrize("value", ["stuck", "zero"])
+@pytest.mark.parametrize("wheel", [Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_RL])
+def test_a_dead_wheel_is_left_out_for_good(drives, clean, wheel, value):
+    """From the middle of the shift to the end: its neighbour stands for both, and no torque suffers."""
+    data = drives["production"]
+    mine = np.flatnonzero((data.quantity == wheel) & (data.t_us >= SHIFT_US))
+    values = data.value.copy()
+    values[mine] = values[mine[0]] if value == "stuck" else 0.0
+    rows, good = Estimator(PRODUCTION_SETTINGS).feed(replace(data, value=values)).rows, clean["production"]
+    moving = (rows["t_us"] > SHIFT_US) & (rows["t_us"] < SHIFT_US + 4_000_000)
+    for torque, sigma, rest in zip(TORQUES, SIGMAS, (6.0, 8.0, 120.0), strict=True):
+        difference = np.abs(rows[torque] - good[torque])[moving]
+        assert (difference <= np.maximum(rest, 3.0 * good[sigma][moving])).all()
+    flag = Status.DRIVEN_WHEELS_FAULT if wheel == Q.WHEEL_SPEED_FL else Status.UNDRIVEN_WHEELS_FAULT
+    assert np.mean((rows["status"][moving] & np.uint32(int(flag))) != 0) > 0.9
+
+
+def test_without_undriven_wheels_the_driven_ones_tell_of_the_body():
+    """At a steady speed neither the road load nor the acceleration may drift away."""
+    ours = replace(HAND_MADE, method=Method.KALMAN)
+    whole = Estimator(ours).feed(traffic(20.0, lambda t: cruise())).rows[-1]
+    rear = (Q.WHEEL_SPEED_RL, Q.WHEEL_SPEED_RR)
+    driven = (
+        Estimator(ours)
+        .feed(traffic(20.0, lambda t: {q: v for q, v in cruise().items() if q not in rear}))
+        .rows[-1]
+    )
+    assert abs(driven["wheel_acceleration_rad_s2"]) < 0.2
+    assert driven["road_load_nm"] == pytest.approx(
+        whole["road_load_nm"], abs=3.0 * whole["output_sigma_nm"] + 50.0
+    )
+
+
+def test_rare_gears_within_their_timeout_are_enough():
+    """A gear that comes once a second and may be 3 s old keeps the filter running."""
+    slow = tuple(
+        replace(item, timeout_us=3_000_000) if item.quantity in (Q.GEAR1, Q.GEAR2) else item
+        for item in HAND_MADE.inputs
+    )
+    data = traffic(10.0, lambda t: cruise())
+    gears = np.isin(data.quantity, [Q.GEAR1, Q.GEAR2])
+    status = np.where(gears & (data.t_us % 1_000_000 > 20_000), SampleStatus.NOT_AVAILABLE, data.status)
+    rows = (
+        Estimator(replace(HAND_MADE, method=Method.KALMAN, inputs=slow))
+        .feed(replace(data, status=status.astype(np.uint8)))
+        .rows
+    )
+    settled = rows["t_us"] > 3_000_000
+    assert ((rows["status"][settled] & int(Status.CONVERGED)) != 0).all()
+
+
+def test_a_gap_starts_the_filter_anew():
+    """A jump of the clock by an hour, forwards and back; the gears come last."""
+    ours = replace(HAND_MADE, method=Method.KALMAN)
+    for jump_s in (3600, -3600):
+        estimator = Estimator(ours)
+        for begin_s in (7200, 7200 + jump_s):
+            data = traffic(2.0, lambda t: cruise(), begin_s * 1_000_000)
+            order = np.argsort(np.isin(data.quantity, [Q.GEAR1, Q.GEAR2]), kind="stable")
+            estimator.feed(data[order[np.argsort(data.t_us[order], kind="stable")]])
+            state = estimator.kalman_filter.state[0]
+            assert begin_s * 1e6 <= state["reset_us"] < begin_s * 1e6 + 100_000
+            assert abs(state["t_us"] - data.t_us[-1]) < 10_000
+
+
 @pytest.mark.parametrize("drive", ["laboratory", "production"])
 def test_no_fault_is_seen_where_there_is_none(clean, drive):
     """On the paper's drive with a torque that is 5 % wrong and 10 ms late, less than one row in a hundred."""
