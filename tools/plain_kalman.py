@@ -1,7 +1,7 @@
 """The Kalman filter's linear algebra as one would write it first: plain numpy, F @ P @ F.T.
 
-`tools/bench` lets it do the predictions and scalar updates of the compiled filter on a drive, by the filter's tape,
-and times both. The decisions between them (gears, phases, faults) cost it nothing here.
+`tools/bench` lets it do the predictions and scalar updates of the compiled filter on a drive, by the filter's
+tape, and times both. The decisions between them (gears, phases, faults) cost it nothing here.
 """
 
 from __future__ import annotations
