@@ -29,6 +29,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "simulation",
         "config",
         "analysis",
+        "daemon.bound",
         "daemon.chain",
         "daemon.simulated_car",
     ),

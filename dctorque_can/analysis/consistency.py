@@ -1,4 +1,4 @@
-"""Whether stated uncertainties are true: coverage of bands, log score, NEES and what its limits are."""
+"""Whether stated uncertainties are true: coverage of bands, log score, NEES and NIS and what their limits are."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
+
+from dctorque_can.pipeline.estimates import SENSORS
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -58,6 +60,27 @@ class Nees:
     log_score: float
 
 
+@dataclass(frozen=True, slots=True)
+class Nis:
+    """Normalised innovations squared of one speed, e²/S, of which 1 is the expectation.
+
+    The innovations of a right filter are white, so every sample is an independent one.
+
+    Attributes:
+        samples: speeds that the filter took.
+        rejected: those beyond its gate; they are not in the mean.
+        mean: over the samples.
+        low: lower limit of the mean of an honest filter, which lies within both with 95 % probability.
+        high: upper limit.
+    """
+
+    samples: int
+    rejected: int
+    mean: float
+    low: float
+    high: float
+
+
 def bands(error: Floats, sigma: Floats) -> Bands | None:
     """Judge the standard deviations of one torque; rows without one (σ ≤ 0) do not count.
 
@@ -103,19 +126,37 @@ def nees(parts: Sequence[tuple[Floats, Floats, Floats, Flags]]) -> Nees | None:
         return None
     taken = np.concatenate([values[rows] for values, rows in series])
     independent = independent_samples(series)
-    low, high = mean_limits(independent)
+    low, high = mean_limits(independent, _CLUTCHES)
     score = np.mean(0.5 * taken + 0.5 * np.concatenate(log_determinants) + np.log(2 * np.pi))
     return Nees(len(taken), float(taken.mean()), independent, low, high, float(score))
 
 
-def mean_limits(independent: float) -> tuple[float, float]:
-    """Return what the mean NEES of that many independent samples lies between with 95 % probability.
+def mean_limits(independent: float, freedom: int) -> tuple[float, float]:
+    """Return what the mean of that many independent normalised squares lies between with 95 % probability.
 
-    Their sum is chi-square distributed with two degrees of freedom per sample.
+    Their sum is chi-square distributed with ``freedom`` degrees of freedom per sample.
     """
     tails = ((1 - _CONFIDENCE) / 2, (1 + _CONFIDENCE) / 2)
-    low, high = (float(2 * gammaincinv(_CLUTCHES * independent / 2, tail)) / independent for tail in tails)
+    low, high = (float(2 * gammaincinv(freedom * independent / 2, tail)) / independent for tail in tails)
     return low, high
+
+
+def nis(healths: NDArray[np.void]) -> dict[str, Nis]:
+    """Judge the innovations of a Kalman filter.
+
+    Args:
+        healths: `HEALTH` ``[n]``, the last of each drive; they are cumulative.
+
+    Returns:
+        By name of the sensor (`SENSORS`), those that gave anything; nothing for the 2014 observer.
+    """
+    samples, rejected = healths["innovations"].sum(axis=0), healths["innovations_rejected"].sum(axis=0)
+    squares = healths["innovation_squares"].sum(axis=0)
+    return {
+        name: Nis(int(n), int(r), float(total / n), *mean_limits(float(n), freedom=1))
+        for name, n, r, total in zip(SENSORS, samples, rejected, squares, strict=True)
+        if n
+    }
 
 
 def independent_samples(series: Sequence[tuple[Floats, Flags]]) -> float:

@@ -2,115 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from cantools.database.can import Database, Message
 from numpy.typing import NDArray
 
 from dctorque_can.bus.encoder import MessageEncoder
+from dctorque_can.bus.output_signals import CONTENTS, Column, states
 from dctorque_can.bus.problems import nearest
 from dctorque_can.bus.protection import declared_protections
-from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
-
-Column = NDArray[np.float64]
-
-RPM = 30.0 / math.pi  # of one rad/s
-REVERSE_CODE = 13.0  # gear of the value tables GearShaft1 and GearShaft2
-STARTING, ESTIMATING, DEGRADED = 0.0, 1.0, 2.0  # value tables Dct…State
 
 MAX_EARLY_US = 1000  # or a tenth of the cycle: an estimate this early is not kept waiting for the next one
 _MAX_STANDARD_ID = 0x7FF
 _MAX_EXTENDED_ID = 0x1FFF_FFFF
-
-
-def _torques(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
-    valid1, valid2 = _has(rows, Status.CLUTCH1_VALID), _has(rows, Status.CLUTCH2_VALID)
-    return {
-        "Clutch1TorqueValid": _flag(valid1),
-        "Clutch2TorqueValid": _flag(valid2),
-        "DctClutchTorqueState": state,
-        "Clutch1Torque": _where(valid1, rows["clutch1_torque_nm"]),
-        "Clutch2Torque": _where(valid2, rows["clutch2_torque_nm"]),
-        "ClutchTorqueSum": _where(valid1 & valid2, rows["clutch_torque_sum_nm"]),
-    }
-
-
-def _driveline(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
-    valid, learned = _has(rows, Status.OUTPUT_VALID), _has(rows, Status.ROAD_LOAD_LEARNED)
-    return {
-        "OutputTorqueValid": _flag(valid),
-        "RoadLoadLearned": _flag(learned),
-        "DctDrivelineState": state,
-        "OutputTorque": _where(valid, rows["output_torque_nm"]),
-        "OutputTorqueAdaptive": _where(valid & learned, rows["output_torque_adaptive_nm"]),
-        "RoadLoadTorque": _where(learned, rows["road_load_nm"]),
-    }
-
-
-def _slips(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
-    valid = ~_has(rows, Status.INPUT_STALE)
-    gears, phases = _has(rows, Status.GEARS_KNOWN), _has(rows, Status.PHASES_KNOWN)
-    return {
-        "ClutchSlipValid": _flag(valid),
-        "DctClutchSlipState": state,
-        "Clutch1Slip": _where(valid, rows["clutch1_slip_rad_s"] * RPM),
-        "Clutch2Slip": _where(valid, rows["clutch2_slip_rad_s"] * RPM),
-        "Clutch1Phase": _where(phases & (rows["phase1"] <= ClutchPhase.LOCKED), rows["phase1"]),
-        "Clutch2Phase": _where(phases & (rows["phase2"] <= ClutchPhase.LOCKED), rows["phase2"]),
-        "GearShaft1": _where(gears, np.where(rows["gear1"] < 0, REVERSE_CODE, rows["gear1"])),
-        "GearShaft2": _where(gears, np.where(rows["gear2"] < 0, REVERSE_CODE, rows["gear2"])),
-    }
-
-
-def _status(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
-    return {
-        "DctStatusState": state,
-        "Clutch1Valid": _flag(_has(rows, Status.CLUTCH1_VALID)),
-        "Clutch2Valid": _flag(_has(rows, Status.CLUTCH2_VALID)),
-        "OutputValid": _flag(_has(rows, Status.OUTPUT_VALID)),
-        "GearsKnown": _flag(_has(rows, Status.GEARS_KNOWN)),
-        "PhasesKnown": _flag(_has(rows, Status.PHASES_KNOWN)),
-        "RoadLoadKnown": _flag(_has(rows, Status.ROAD_LOAD_LEARNED)),
-        "Converged": _flag(_has(rows, Status.CONVERGED)),
-        "InputStale": _flag(_has(rows, Status.INPUT_STALE)),
-        "SpeedImplausible": _flag(_has(rows, Status.SPEED_IMPLAUSIBLE)),
-        "EstimateLimited": _flag(_has(rows, Status.LIMITED)),
-        "EngineTorqueEstimate": _where(~_has(rows, Status.INPUT_STALE), rows["engine_torque_nm"]),
-    }
-
-
-CONTENTS: dict[str, Callable[[NDArray[np.void], Column], dict[str, Column]]] = {
-    "DctClutchTorque": _torques,
-    "DctDriveline": _driveline,
-    "DctClutchSlip": _slips,
-    "DctStatus": _status,
-}
-"""Physical values of each message by signal name, in the unit of the DBC; NaN where a value is not valid."""
-
-_DEGRADED_BITS = np.uint32(Status.INPUT_STALE | Status.SPEED_IMPLAUSIBLE | Status.LIMITED)
-_CONVERGED_BIT = np.uint32(Status.CONVERGED)
-
-
-def _has(rows: NDArray[np.void], bit: Status) -> NDArray[np.bool_]:
-    return np.asarray(rows["status"] & int(bit), np.bool_)
-
-
-def _flag(is_set: NDArray[np.bool_]) -> Column:
-    return is_set.astype(np.float64)
-
-
-def _where(valid: NDArray[np.bool_], value: NDArray[np.float64]) -> Column:
-    return np.where(valid, value, np.nan)
-
-
-def _state(status: NDArray[np.uint32]) -> Column:
-    running = np.where(status & _DEGRADED_BITS, DEGRADED, ESTIMATING)
-    return np.where(status & _CONVERGED_BIT, running, STARTING)
 
 
 class OutputEncoder:
@@ -173,7 +80,7 @@ class OutputEncoder:
             rows: `ESTIMATE` ``[n]`` in order of time.
         """
         due = [message.due(rows["t_us"]) for message in self._messages]
-        state = _state(rows["status"])
+        state = states(rows["status"])
         frames = Frames.empty(sum(map(len, due)), self._width)
         first = 0
         with np.errstate(over="ignore"):  # what is too large to be converted is saturated like the rest

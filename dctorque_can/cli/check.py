@@ -24,6 +24,7 @@ NO_ESTIMATE = "no valid estimate"
 AXLE = "other wheel of the axle"
 PHASE = "validity: clutch counts as closed"
 RECORDED = "nothing (recorded only)"
+RESIDUAL = "residual of the clutch torque"
 LOST = {
     "engine_speed": NO_ESTIMATE,
     "engine_torque": NO_ESTIMATE,
@@ -162,7 +163,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "period_ms": max(periods) if periods else None,
         "timeout_ms": entry.input.timeout_us / 1000,
         "protection": kinds,
-        "lost": LOST[name],
+        "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else LOST[name],
     }
 
 
@@ -170,6 +171,8 @@ def _missing_row(name: str, config: Config) -> dict[str, Any]:
     lost = LOST[name]
     if name.startswith("gear") and config.settings.gear_inference is not None:
         lost = "nothing: inferred from the ratio of shaft to wheel speed"
+    if name in ("shaft1_speed", "shaft2_speed"):  # only the method kalman lets them be missing
+        lost = "its slip and torque are known from engine and wheels alone"
     return {"quantity": name, "key": "", "present": False, "signals": [], "lost": lost}
 
 

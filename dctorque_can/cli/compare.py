@@ -51,6 +51,9 @@ def compare(
             show_default=False,
         ),
     ] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Also the Kalman filter smoothed: what its whole recording can tell.")
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="PLOT", help="Plot of the figures: .png, .svg or .pdf."),
@@ -66,8 +69,9 @@ def compare(
 ) -> None:
     """Compare estimators on the same frames: errors, lag, and what their standard deviations are worth.
 
-    The 2014 observer and the Kalman filter, and every --variant. Each LOG is a drive of its own and must carry its
-    truth. Exit code 3: a log is damaged.
+    The 2014 observer, the Kalman filter, every --variant, and as a bound the Kalman filter that is told the true
+    car, gears and clutch phases. Each LOG is a drive of its own and must carry its truth. Exit code 3: a log is
+    damaged.
     """
     if output is not None and output.suffix.lower() not in PLOT_FORMATS:
         known = ", ".join(PLOT_FORMATS)
@@ -79,6 +83,7 @@ def compare(
     with activity("loading", show=STDERR.is_terminal), ExitStack() as stack:
         from dctorque_can.cli.compare_report import as_report, show
         from dctorque_can.daemon.comparison import (
+            compare_bound,
             compare_variants,
             count_shifts,
             recorded_drive,
@@ -88,7 +93,7 @@ def compare(
 
         readers = [stack.enter_context(open_log(path)) for path in logs or []]
         loaded = _config(readers, config, settings, {})
-        chosen = variants_of(lambda overrides: _config(readers, config, settings, overrides), more)
+        chosen = variants_of(lambda overrides: _config(readers, config, settings, overrides), more, smooth)
         for warning in dict.fromkeys(str(w) for v in chosen for w in v.config.warnings):
             warn(warning.replace("warning: ", "", 1))
         drives = [recorded_drive(reader) for reader in readers]
@@ -99,8 +104,10 @@ def compare(
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:
-        results = compare_variants(chosen, drives, progress)
-    report = as_report(loaded.name, [d.name for d in drives], count_shifts(drives), results)
+        share = len(chosen) / (len(chosen) + 1)
+        results = compare_variants(chosen, drives, lambda done: progress(share * done))
+        bound = compare_bound(loaded, drives, lambda done: progress(share + (1 - share) * done))
+    report = as_report(loaded.name, [d.name for d in drives], count_shifts(drives), results, bound)
     if output is not None:
         from dctorque_can.analysis.comparison_plot import comparison_figure
         from dctorque_can.analysis.plot import save_figure
@@ -108,9 +115,9 @@ def compare(
         title = f"{loaded.name}: {Path(drives[0].name).name}" + (
             f" and {len(drives) - 1} more" if len(drives) > 1 else ""
         )
-        save_figure(comparison_figure({r.variant.name: r.comparison for r in results}, title), output)
+        save_figure(comparison_figure({r.variant.name: r.comparison for r in (*results, bound)}, title), output)
         report["plot"] = str(output)
-    for text in (*problems, *(doubt for result in results for doubt in result.doubts)):
+    for text in (*problems, *(doubt for result in (*results, bound) for doubt in result.doubts)):
         warn(text)
     if as_json:
         print_json(report)

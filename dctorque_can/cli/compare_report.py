@@ -2,55 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import statistics
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dctorque_can.analysis.consistency import LEVELS, Bands, Nees
-from dctorque_can.cli.figures import TORQUE_NAMES
+from dctorque_can.analysis.consistency import LEVELS, Bands, Nees, Nis
+from dctorque_can.cli.torque_table import WIDTH, by_torque, table
 
 if TYPE_CHECKING:
-    from dctorque_can.analysis.comparison import Figures
+    from dctorque_can.analysis.comparison import Figures, TorqueFigures
     from dctorque_can.daemon.comparison import VariantResult
 
-WIDTH = 100
 _PARTS = {"all": "whole drive", "shifts": "shifts ± 100 ms"}
 
 
-def as_report(name: str, drives: Sequence[str], shifts: int, results: Sequence[VariantResult]) -> dict[str, Any]:
+def as_report(
+    name: str, drives: Sequence[str], shifts: int, results: Sequence[VariantResult], bound: VariantResult
+) -> dict[str, Any]:
     """Return everything that was found, with units in the keys."""
     return {
         "name": name,
         "drives": list(drives),
         "shift_count": shifts,
         "variants": {
-            result.variant.name: {
-                "set": dict(result.variant.overrides),
-                "all": _figures(result.comparison.everything),
-                "shifts": None if result.comparison.shifts is None else _figures(result.comparison.shifts),
-            }
+            result.variant.name: {"set": dict(result.variant.overrides), "smoothed": result.variant.smooth}
+            | _variant(result, bound)
             for result in results
         },
+        "bound": _variant(bound, bound),
     }
 
 
-def _figures(figures: Figures) -> dict[str, Any]:
-    torques = {
-        name: {
-            "rms_nm": torque.rms_nm,
-            "bias_nm": torque.bias_nm,
-            "peak_nm": torque.peak_nm,
-            "lag_ms": torque.lag_ms,
-            "bands": None if torque.bands is None else _bands(torque.bands),
-        }
-        for name, torque in figures.torques.items()
+def _variant(result: VariantResult, bound: VariantResult) -> dict[str, Any]:
+    found, least = result.comparison, bound.comparison
+    return {
+        "all": _figures(found.everything, least.everything),
+        "shifts": _figures(found.shifts, least.shifts) if found.shifts and least.shifts else None,
+        "sensors": {name: _nis(nis) for name, nis in result.sensors.items()},
     }
+
+
+def _figures(figures: Figures, bound: Figures) -> dict[str, Any]:
+    torques = {name: _torque(torque, bound.torques[name]) for name, torque in figures.torques.items()}
     clutches = None if figures.clutches is None else _nees(figures.clutches)
     return {"samples": figures.samples, **torques, "clutches": clutches}
+
+
+def _torque(torque: TorqueFigures, bound: TorqueFigures) -> dict[str, Any]:
+    each = [rms for rms in torque.rms_each_nm if rms is not None]
+    return {
+        "rms_nm": torque.rms_nm,
+        "rms_over_bound": torque.rms_nm / bound.rms_nm if bound.rms_nm else None,
+        "rms_by_drive_nm": list(torque.rms_each_nm),
+        "rms_mean_nm": statistics.mean(each),
+        "rms_std_nm": statistics.stdev(each) if len(each) > 1 else None,
+        "bias_nm": torque.bias_nm,
+        "peak_nm": torque.peak_nm,
+        "lag_ms": torque.lag_ms,
+        "bands": None if torque.bands is None else _bands(torque.bands),
+    }
 
 
 def _bands(bands: Bands) -> dict[str, Any]:
@@ -69,12 +83,22 @@ def _nees(nees: Nees) -> dict[str, Any]:
     }
 
 
+def _nis(nis: Nis) -> dict[str, Any]:
+    return {
+        "samples": nis.samples,
+        "rejected": nis.rejected,
+        "nis": nis.mean,
+        "nis_low": nis.low,
+        "nis_high": nis.high,
+    }
+
+
 def show(report: dict[str, Any]) -> None:
     """Print a report on stdout."""
     console = Console(width=WIDTH, highlight=False, emoji=False)
-    for title, table in _tables(report):
+    for title, filled in _tables(report):
         console.print(Text(title, style="italic"))
-        console.print(table)
+        console.print(filled)
 
 
 def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:
@@ -83,49 +107,42 @@ def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:
     what = drives[0] if len(drives) == 1 else f"{len(drives)} drives, {drives[0]} … {drives[-1]}"
     shifts = report["shift_count"]
     title = f"{report['name']}: {what}, {shifts} shift{'' if shifts == 1 else 's'}"
-    yield title, _by_torque(("RMS", "bias", "peak", "lag"), ("N·m", "N·m", "N·m", "ms"), report, _error_cells)
-    if any(variant["all"]["clutches"] for variant in report["variants"].values()):
-        title = "Errors within the stated bands (nominal: the heading), and mean negative log density"
-        headings = (*(f"{level:.0%}" for level in LEVELS), "score")
-        yield title, _by_torque(headings, ("%", "%", "%", "nats"), report, _band_cells)
-        title = "Both clutch torques together: mean NEES (2 is right), 95 % limits of an honest estimator"
-        yield title, _nees_table(report)
+    if len(drives) == 1:
+        yield title, by_torque(("RMS", "/bound"), ("N·m", ""), _rows(report), _rms_cells)
+    else:
+        yield (
+            title,
+            by_torque(("RMS", "mean ± sd", "/bound"), ("N·m", "N·m", ""), _rows(report), _rms_and_spread_cells),
+        )
+    yield "The same errors", by_torque(("bias", "peak", "lag"), ("N·m", "N·m", "ms"), _rows(report), _error_cells)
+    title = "Errors within the stated bands (nominal: the heading), and mean negative log density"
+    headings = (*(f"{level:.0%}" for level in LEVELS), "score")
+    yield title, by_torque(headings, ("%", "%", "%", "nats"), _rows(report), _band_cells)
+    title = "Both clutch torques together: mean NEES (2 is right), 95 % limits of an honest estimator"
+    yield title, _nees_table(report)
+    title = "Innovations of each speed: mean NIS (1 is right), 95 % limits of an honest filter"
+    yield title, _nis_table(report)
 
 
-def _table() -> Table:
-    return Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+def _rows(report: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return what has a row in every table: the variants, and the bound below them."""
+    return {**report["variants"], "bound": report["bound"]}
 
 
-Cells = Callable[[dict[str, Any]], tuple[str, ...] | None]
+def _rms_cells(torque: dict[str, Any]) -> tuple[str, ...]:
+    ratio = torque["rms_over_bound"]
+    return f"{torque['rms_nm']:.2f}", "–" if ratio is None else f"{ratio:.2f}"
 
 
-def _by_torque(headings: tuple[str, ...], units: tuple[str, ...], report: dict[str, Any], cells: Cells) -> Table:
-    """Return one row per torque and variant: figures of the whole drive, then those of the shifts."""
-    table = _table()
-    table.add_column("torque", no_wrap=True)
-    table.add_column("variant", no_wrap=True)
-    for part in ("all", "shifts"):
-        for n, (heading, unit) in enumerate(zip(headings, units, strict=True)):
-            above = part if n == 0 else ""
-            table.add_column(Text(f"{above}\n{heading}\n{unit}"), justify="right", no_wrap=True)
-    for torque, name in TORQUE_NAMES.items():
-        first = True
-        for variant, parts in report["variants"].items():
-            whole = cells(parts["all"][torque])
-            if whole is None:
-                continue
-            shifts = cells(parts["shifts"][torque]) if parts["shifts"] else None
-            row = (*whole, *(shifts or ("–",) * len(headings)))
-            table.add_row(name if first else "", Text(variant), *row)
-            first = False
-        table.add_section()
-    return table
+def _rms_and_spread_cells(torque: dict[str, Any]) -> tuple[str, ...]:
+    rms, ratio = _rms_cells(torque)
+    spread = torque["rms_std_nm"]
+    return rms, f"{torque['rms_mean_nm']:.2f} ± " + ("–" if spread is None else f"{spread:.2f}"), ratio
 
 
 def _error_cells(torque: dict[str, Any]) -> tuple[str, ...]:
     lag = torque["lag_ms"]
     return (
-        f"{torque['rms_nm']:.2f}",
         f"{torque['bias_nm']:+.2f}",
         f"{torque['peak_nm']:.1f}",
         "–" if lag is None else f"{lag:+.1f}",
@@ -140,26 +157,51 @@ def _band_cells(torque: dict[str, Any]) -> tuple[str, ...] | None:
 
 
 def _nees_table(report: dict[str, Any]) -> Table:
-    table = _table()
-    table.add_column("variant", no_wrap=True)
-    table.add_column("over", no_wrap=True)
+    filled = table()
+    filled.add_column("variant", no_wrap=True)
+    filled.add_column("over", no_wrap=True)
     for heading in ("NEES", "limits", "estimates", "independent", "σ are", "score"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for variant, parts in report["variants"].items():
+        filled.add_column(heading, justify="right", no_wrap=True)
+    for variant, parts in _rows(report).items():
         for part, where in _PARTS.items():
             found = parts[part] and parts[part]["clutches"]
             if not found:
                 continue
             low, high = found["nees_low"], found["nees_high"]
-            verdict = "too large" if found["nees"] < low else "too small" if found["nees"] > high else "plausible"
-            table.add_row(
+            filled.add_row(
                 Text(variant),
                 where,
                 f"{found['nees']:.2f}",
                 f"{low:.2f} … {high:.2f}",
                 f"{found['samples']}",
                 f"{found['independent_samples']:.0f}",
-                verdict,
+                _verdict(found["nees"], low, high),
                 f"{found['log_score']:.2f}",
             )
-    return table
+    return filled
+
+
+def _nis_table(report: dict[str, Any]) -> Table:
+    filled = table()
+    filled.add_column("variant", no_wrap=True)
+    filled.add_column("speed of", no_wrap=True)
+    for heading in ("NIS", "limits", "samples", "rejected", "σ are"):
+        filled.add_column(heading, justify="right", no_wrap=True)
+    for variant, parts in _rows(report).items():
+        for n, (sensor, found) in enumerate(parts["sensors"].items()):
+            low, high = found["nis_low"], found["nis_high"]
+            filled.add_row(
+                Text("" if n else variant),
+                sensor.replace("_", " "),
+                f"{found['nis']:.2f}",
+                f"{low:.2f} … {high:.2f}",
+                f"{found['samples']}",
+                f"{found['rejected']}",
+                _verdict(found["nis"], low, high),
+            )
+    return filled
+
+
+def _verdict(mean: float, low: float, high: float) -> str:
+    """Return what a mean of normalised squares says of the standard deviations."""
+    return "too large" if mean < low else "too small" if mean > high else "plausible"

@@ -43,6 +43,9 @@ def replay(
     truth: Annotated[
         bool, typer.Option("--truth", help="Compare with the truth of a simulated log, and copy it to OUT.")
     ] = False,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Smooth the estimates of the Kalman filter over the whole recording.")
+    ] = False,
     interface: InterfaceOption = None,
     channel: ChannelOption = None,
     speed: SpeedOption = 1.0,
@@ -52,8 +55,9 @@ def replay(
     """Estimate over recorded frames: as fast as possible into OUT.mcap, or in real time onto a bus.
 
     The configuration comes from --config, or travels in an MCAP log. With --interface or --channel the frames of
-    the log and the frames of the estimates go onto that bus at --speed. Damaged logs: everything readable is used,
-    each damaged place is a warning, and the exit code is 3.
+    the log and the frames of the estimates go onto that bus at --speed. With --smooth each estimate stands on all
+    frames, also on later ones. Damaged logs: everything readable is used, each damaged place is a warning, and the
+    exit code is 3.
     """
     if output is None and interface is None and channel is None:
         raise typer.BadParameter("say where to: -o OUT.mcap, or --interface and --channel of a bus")
@@ -77,7 +81,7 @@ def replay(
             tell = playing(loaded.can.arguments(), lambda is_error, text: (fail if is_error else say)(text))
             player = Player(stack.enter_context(tell), speed)
         with progress_bar("replaying") as progress:
-            content = ReplayContent(frames=frames, signals=signals, truth=truth)
+            content = ReplayContent(frames=frames, signals=signals, truth=truth, smooth=smooth)
             result = replay_logs(readers, loaded, ReplayTargets(output, player), content, progress)
     for problem in result.problems:
         warn(problem)
@@ -86,9 +90,12 @@ def replay(
     else:
         say(
             f"{result.frames} frames ({result.bus_seconds:.0f} s of traffic) in {result.seconds:.1f} s, "
-            f"{result.estimates} estimates, {result.valid_estimates} with valid clutch torques"
-            + (f", in {output}" if output else "")
+            f"{result.estimates} {'smoothed ' if smooth else ''}estimates, "
+            f"{result.valid_estimates} with valid clutch torques" + (f", in {output}" if output else "")
         )
+        if result.health["nis"]:
+            sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())
+            say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")
         if result.errors is not None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
 from dctorque_can.cli import configuration
 from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json, progress_bar, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
+from dctorque_can.cli.figures import TORQUE_NAMES
 from dctorque_can.cli.options import JsonOption, SetOption
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from dctorque_can.study.results import Results
     from dctorque_can.study.summary import StudySummary
 
-_TORQUES = {"clutch1_nm": "clutch 1", "clutch2_nm": "clutch 2", "output_nm": "output shaft"}
 _MOST_REASONS = 5
 
 
@@ -42,6 +41,33 @@ def study(
     runs: Annotated[
         int | None, typer.Option("--runs", min=1, help="Instead of the number in the file.", show_default=False)
     ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option("--vehicle", help="Instead of the one in the file.", show_default=False)
+    ] = None,
+    drive: Annotated[
+        Literal["paper", "mixed"] | None,
+        typer.Option("--drive", help="Instead of the one in the file, and of its length.", show_default=False),
+    ] = None,
+    profile: Annotated[
+        Literal["laboratory", "production"] | None,
+        typer.Option("--profile", help="Instead of the one in the file.", show_default=False),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option("--duration", metavar="SECONDS", help="Instead of the one in the file.", show_default=False),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", help="Instead of the one in the file.", show_default=False)
+    ] = None,
+    drives: Annotated[
+        Path | None,
+        typer.Option(
+            "--drives",
+            metavar="FOLDER",
+            help="Keeps the simulated drives there, for other estimators on the same cars.",
+            show_default=False,
+        ),
+    ] = None,
     jobs: Annotated[
         int | None,
         typer.Option("--jobs", "-j", min=1, help="Processes.  [default: one per core]", show_default=False),
@@ -61,13 +87,16 @@ def study(
         from dctorque_can.study.results import Results
         from dctorque_can.study.summary import summarise
 
-        loaded = load_study(find_study(file), configuration.overrides(settings), runs)
+        changes = _changes(
+            vehicle=vehicle, drive=drive, profile=profile, duration_s=duration, seed=seed, runs=runs
+        )
+        loaded = load_study(find_study(file), configuration.overrides(settings), changes)
     for warning in loaded.config.warnings:
         warn(str(warning).replace("warning: ", "", 1))
-    folder = folder or Path("out") / f"study_{loaded.path.stem}"
+    folder = folder or Path("out") / "_".join(["study", loaded.path.stem, *_named(changes)])
     with Results(folder / "results.jsonl", loaded.identity(), force, warn) as results:
         try:
-            _run(loaded, results, jobs)
+            _run(loaded, results, jobs, drives)
         except KeyboardInterrupt as interrupt:
             done = sum(number in results.records for number in range(1, loaded.plan.runs + 1))
             say(f"interrupted: {done} of {loaded.plan.runs} runs are kept; the same command goes on from there")
@@ -80,7 +109,23 @@ def study(
         raise typer.Exit(ExitCode.INCOMPLETE)
 
 
-def _run(loaded: Study, results: Results, jobs: int | None) -> None:
+def _changes(vehicle: str | None, drive: str | None, **others: Any) -> dict[str, Any]:
+    """Return the keys of the study that the command line changes, by name."""
+    changes = {name: value for name, value in others.items() if value is not None}
+    if vehicle is not None:  # a path is relative to here, not to the study file
+        changes["vehicle"] = str(Path(vehicle).absolute()) if Path(vehicle).exists() else vehicle
+    if drive is not None:
+        changes = {"duration_s": None} | changes | {"drive": drive}
+    return changes
+
+
+def _named(changes: dict[str, Any]) -> list[str]:
+    """Return what tells the folder of a changed study from that of the study itself."""
+    words = {name: str(value) for name, value in changes.items() if value is not None and name != "runs"}
+    return [Path(word).stem if name == "vehicle" else word for name, word in sorted(words.items())]
+
+
+def _run(loaded: Study, results: Results, jobs: int | None, drives: Path | None) -> None:
     """Make the runs that are not there yet."""
     from dctorque_can.errors import DctorqueError
     from dctorque_can.study.draw import draw
@@ -99,7 +144,7 @@ def _run(loaded: Study, results: Results, jobs: int | None) -> None:
         say(what)
     with progress_bar(what) as progress:
         progress(1.0 - len(missing) / total)
-        for record in finished_runs(Setup.of(loaded), missing, jobs or available_cores()):
+        for record in finished_runs(Setup.of(loaded, drives), missing, jobs or available_cores()):
             if record["run"] == 0 and "error" in record:
                 raise DctorqueError(f"{loaded.path}: the car with nothing varied fails already: {record['error']}")
             results.append(record)
@@ -118,7 +163,7 @@ def _write(summary: StudySummary, folder: Path) -> dict[str, str]:
             f"{summary.study.config.name}: {plan.drive} drive, {plan.profile} signals, {summary.used} cars\n"
             "What moves the RMS error of the estimates"
         )
-        save_figure(sensitivity_figure([_panel(summary, torque) for torque in _TORQUES], title), plot)
+        save_figure(sensitivity_figure([_panel(summary, torque) for torque in TORQUE_NAMES], title), plot)
         files["plot"] = plot
     else:
         plot.unlink(missing_ok=True)  # of fewer factors or more runs
@@ -131,27 +176,23 @@ def _panel(summary: StudySummary, torque: str) -> SensitivityPanel:
     import numpy as np
 
     from dctorque_can.analysis.sensitivity_plot import SensitivityPanel
+    from dctorque_can.cli.study_report import label
 
     ranking = summary.ranking(torque)
     rms = summary.rms[torque]
     title = (
-        f"{_TORQUES[torque].capitalize()}: nominal {summary.nominal[torque]:.3g}, median {rms['p50']:.3g}, "
+        f"{TORQUE_NAMES[torque].capitalize()}: nominal {summary.nominal[torque]:.3g}, median {rms['p50']:.3g}, "
         f"95 % below {rms['p95']:.3g} N·m; {100 * summary.sensitivities[torque].explained:.0f} % explained"
     )
     return SensitivityPanel(
         title=title,
-        labels=[_label(summary.study, name) for name, _ in ranking],
+        labels=[label(summary.study, name) for name, _ in ranking],
         change=np.array([effect.change for _, effect in ranking]),
         low=np.array([effect.low for _, effect in ranking]),
         high=np.array([effect.high for _, effect in ranking]),
         significant=np.array([effect.significant for _, effect in ranking]),
         shapes=[effect.shape for _, effect in ranking],
     )
-
-
-def _label(loaded: Study, name: str) -> str:
-    low, high = loaded.vary[name].limits
-    return f"{name}  {low:g} … {high:g}"
 
 
 def _show(summary: StudySummary, files: dict[str, str], as_json: bool) -> None:
@@ -161,51 +202,12 @@ def _show(summary: StudySummary, files: dict[str, str], as_json: bool) -> None:
         warn(f"{len(summary.failed) - _MOST_REASONS} more runs failed; {files['summary']} names them")
     if not summary.sensitivities:
         say(f"no ranking: {summary.runs_for_ranking} good runs would be needed, there are {summary.used}")
+    from dctorque_can.cli.study_report import show_tables
+
     if as_json:
         result: dict[str, Any] = summary.as_json() | {"files": files}
         print_json(result)
         return
-    STDOUT.print(_quantiles(summary))
-    if summary.sensitivities:
-        STDOUT.print(_ranking(summary))
+    show_tables(summary)
     for name, path in files.items():
         STDOUT.print(f"{name:8}{path}", soft_wrap=True)
-
-
-def _quantiles(summary: StudySummary) -> Table:
-    plan = summary.study.plan
-    failed = f", {len(summary.failed)} failed" if summary.failed else ""
-    title = (
-        f"{summary.study.config.name}: RMS error [N·m], {plan.drive} drive, {plan.profile} signals, "
-        f"{plan.runs} runs{failed}"
-    )
-    table = Table(title=title, title_justify="left")
-    table.add_column("Torque")
-    for heading in ("nominal", "5 %", "50 %", "95 %"):
-        table.add_column(heading, justify="right")
-    for torque, name in _TORQUES.items():
-        figures = (summary.nominal[torque], *summary.rms.get(torque, {}).values())
-        table.add_row(name, *(f"{figure:.2f}" for figure in figures))
-    return table
-
-
-def _ranking(summary: StudySummary) -> Table:
-    """Return the change of the RMS error per factor and torque; chance in brackets."""
-    table = Table(title="Change of the RMS error over each factor's range [N·m]", title_justify="left")
-    table.add_column("Factor")
-    for name in _TORQUES.values():
-        table.add_column(name, justify="right")
-    effects = {torque: dict(summary.ranking(torque)) for torque in _TORQUES}
-    for factor, _ in summary.ranking("clutch1_nm"):
-        cells = [effects[torque][factor] for torque in _TORQUES]
-        if any(effect.significant for effect in cells):
-            shown = (
-                f"{e.change:.2f} {e.shape}" if e.significant else f"[dim]({e.change:.2f})  [/]" for e in cells
-            )
-            table.add_row(_label(summary.study, factor), *shown)
-    table.caption = (
-        "worse ↑ with more, ↓ with less, ∪ at both ends, ∩ in between; in brackets: no more than chance; "
-        "factors that are so for every torque are left out"
-    )
-    table.caption_justify = "left"
-    return table

@@ -67,6 +67,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     estimator = validate(document, ("estimator",), EstimatorSection)
     protections = _protections(document, builder)
     _note_missing_axle(document, builder, vehicle)
+    if estimator is not None:
+        _check_missing_shafts(document, estimator, inference is not None)
     errors = any(problem.severity == "error" for problem in document.problems)
     if errors or vehicle is None or estimator is None or phases is None:
         return None
@@ -154,7 +156,13 @@ def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | 
     section = validate(document, path, model)
     for at, part in sound_parts(model, document.value(path), path, repair=True):
         if at != path:
-            _clutch_input(builder, at, 0 if at[-1] == "clutch1" else 1, part)
+            index = 0 if at[-1] == "clutch1" else 1
+            given = {entry.input.quantity for entry in builder.entries}
+            if isinstance(part, CommandSection) and Quantity.CLUTCH1_COMMAND + index in given:
+                reason = f"is the input {at[-1]}_command too: leave one of them out"
+                document.problems.append(document.problem(at, reason))
+            else:
+                _clutch_input(builder, at, index, part)
     if not isinstance(section, PhaseFromPosition | PhaseFromFlag | PhaseFromCommand):
         return None
     return PhaseSettings(
@@ -222,6 +230,28 @@ def _protections(document: Document, builder: InputBuilder) -> tuple[Protection,
             assert isinstance(protection, ProtectionSection)
             protections.append(builder.protect(at, str(message), protection))
     return tuple(protections)
+
+
+def _check_missing_shafts(document: Document, estimator: EstimatorSection, inferred: bool) -> None:
+    """Report a shaft without a speed that the method, or the source of gears, cannot do without."""
+    inputs = document.value(("inputs",))
+    if not isinstance(inputs, dict):
+        return
+    for shaft in (1, 2):
+        path: KeyPath = ("inputs", f"shaft{shaft}_speed")
+        if not absent(document.value(path)):
+            continue
+        if estimator.method == "oh2014":
+            reason = "missing: the method oh2014 needs the speeds of both input shafts; kalman can do without"
+            document.problems.append(document.problem(path, reason))
+        elif inferred:
+            reason = (
+                "missing: gears by ratio need the speeds of both input shafts; give gears: {source: signals, …}"
+            )
+            document.problems.append(document.problem(path, reason))
+        else:
+            reason = "missing: slip and torque of its clutch are then known from engine and wheels alone"
+            document.problems.append(document.problem(path, reason, warning=True))
 
 
 def _note_missing_axle(document: Document, builder: InputBuilder, vehicle: VehicleSection | None) -> None:

@@ -166,24 +166,30 @@ class KalmanSection(Section):
     """Noise of one sample of the engine speed, resolution/√12 included, rad/s."""
     shaft_speed_noise_rad_s: Noise = 0.1
     """Noise of one sample of an input-shaft speed, rad/s."""
-    wheel_speed_noise_rad_s: Noise = 0.025
+    wheel_speed_noise_rad_s: Noise = 0.022
     """Noise of one sample of one wheel speed, rad/s."""
     timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 1.0
     """From the sample of a speed to its frame, as far as it is unknown, ms."""
     slipping_torque_rate_nm_per_s: Rate = 2500.0
-    """How fast the torque of a slipping clutch changes, N·m/s."""
+    """How fast clutch torques change while a clutch slips or torque is handed over, N·m/s."""
     locked_torque_rate_nm_per_s: Rate = 800.0
-    """How fast the torque of a locked clutch changes, N·m/s."""
+    """How fast the torque of a locked clutch changes at most with the engine torque, N·m/s."""
+    steady_torque_rate_nm_per_s: Rate = 50.0
+    """How fast it changes while the engine torque stays the same, N·m/s."""
     torque_rate_time_s: Annotated[float, Field(ge=0.005, le=10)] = 0.05
     """For how long a clutch torque keeps its rate, s."""
+    settling_time_s: Annotated[float, Field(ge=0.01, le=10)] = 0.3
+    """For how long the driveline rings after a shift or a change of engine torque, s."""
     open_torque_nm: Annotated[float, Field(gt=0, le=100)] = 1.0
     """Torque of an open clutch beside its viscous drag, N·m."""
     road_load_rate_nm_per_sqrt_s: Rate = 60.0
     """How fast grade, wind and load change at the wheel, N·m/√s."""
     held_load_rate_nm_per_sqrt_s: Rate = 3000.0
     """The same while the car stands or brakes, N·m/√s."""
-    tyre_torque_rate_nm_per_sqrt_s: Rate = 1500.0
-    """How fast the torque between tyres and road changes, N·m/√s."""
+    tyre_torque_share: Annotated[float, Field(gt=0, le=10)] = 0.05
+    """What the tyres' torque does beside following the clutches, as a share of their rate at the wheel."""
+    parameter_error_share: Annotated[float, Field(ge=0, le=1)] = 0.2
+    """Error of mass, inertias and stiffnesses together, as a share."""
     engine_torque_error_nm: Annotated[float, Field(gt=0, le=1000)] = 3.0
     """Error of the nominal engine torque when it is zero, N·m."""
     engine_torque_error_share: Annotated[float, Field(ge=0, le=1)] = 0.05
@@ -192,14 +198,14 @@ class KalmanSection(Section):
     """By how much a change of the nominal engine torque may be late, ms."""
     engine_torque_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 2.0
     """For how long that error lasts, s."""
-    unmodelled_rad_s_per_sqrt_s: Annotated[float, Field(ge=0, le=1000)] = 0.3
+    unmodelled_rad_s_per_sqrt_s: Annotated[float, Field(ge=0, le=1000)] = 0.1
     """What engine and input shafts do beside the model, rad/s/√s."""
     synchroniser_rad_s2: Annotated[float, Field(gt=0, le=1e5)] = 500.0
     """Acceleration that a synchroniser gives to an input shaft in neutral, rad/s²."""
     gate_sigma: Annotated[float, Field(ge=3, le=1000)] = 5.0
     """A speed further from its prediction is not believed, in standard deviations."""
-    gate_patience: Annotated[int, Field(ge=0, le=1000)] = 10
-    """… until so many samples in a row are not."""
+    gate_patience_s: Annotated[float, Field(ge=0.02, le=60)] = 0.5
+    """… unless it moves as a shaft can, or has been there for so long, s."""
 
     def build(self) -> KalmanDesign:
         """Return the design as the estimator knows it."""

@@ -59,10 +59,10 @@ class InputsSection(Section):
     """Engine speed."""
     engine_torque: InputSection
     """Nominal net engine torque T_en at the flywheel (indicated minus friction)."""
-    shaft1_speed: InputSection
-    """Speed of input shaft 1, behind clutch 1."""
-    shaft2_speed: InputSection
-    """Speed of input shaft 2, behind clutch 2."""
+    shaft1_speed: InputSection | None = None
+    """Speed of input shaft 1, behind clutch 1; only the method kalman can do without it."""
+    shaft2_speed: InputSection | None = None
+    """Speed of input shaft 2, behind clutch 2; only the method kalman can do without it."""
     wheel_speeds: WheelSpeedsSection
     """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
     acceleration: InputSection | None = None
@@ -71,6 +71,10 @@ class InputsSection(Section):
     """Inclination of the road, positive uphill."""
     brake: InputSection | None = None
     """Any measure of braking, positive when braking."""
+    clutch1_command: InputSection | None = None
+    """Torque capacity that clutch 1 is commanded to; with clutch_phase.source: command it is given there."""
+    clutch2_command: InputSection | None = None
+    """Torque capacity that clutch 2 is commanded to."""
 
 
 QUANTITY_AT: dict[KeyPath, Quantity] = {
@@ -85,6 +89,8 @@ QUANTITY_AT: dict[KeyPath, Quantity] = {
     ("acceleration",): Quantity.ACCELERATION,
     ("grade",): Quantity.GRADE,
     ("brake",): Quantity.BRAKE,
+    ("clutch1_command",): Quantity.CLUTCH1_COMMAND,
+    ("clutch2_command",): Quantity.CLUTCH2_COMMAND,
 }
 
 

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
-from dctorque_can.driveline.parameters import Chassis, Clutch, Damper, Gear, OutputShaft, Shaft, Vehicle
+from dctorque_can.driveline.parameters import Chassis, Clutch, Damper, Gear, OutputShaft, Shaft, Thermal, Vehicle
 from dctorque_can.pipeline.settings import DrivenAxle
 
 REVERSE = -1
@@ -51,6 +51,17 @@ class ShaftSection(Section):
     """Damping b_t of the transfer shaft, N·m·s/rad."""
 
 
+class ThermalSection(Section):
+    """One clutch as one heat capacity."""
+
+    heat_capacity_j_per_k: Positive
+    """Heat capacity C of what friction warms: discs, plates and the oil between them, J/K."""
+    cooling_w_per_k: Positive
+    """Heat flow h to the coolant per kelvin above it, W/K."""
+    coolant_c: Annotated[float, Field(ge=-60, le=250)]
+    """Temperature of the coolant (oil, or the air around a dry clutch), at which the clutch starts, °C."""
+
+
 class ClutchSection(Section):
     """One clutch. Its torque capacity is surfaces · friction · effective radius · normal force."""
 
@@ -66,10 +77,17 @@ class ClutchSection(Section):
     """Largest normal force F_n, N."""
     drag_nms_per_rad: NotNegative
     """Viscous drag of the open clutch, N·m·s/rad; 0 for a dry clutch."""
+    thermal: ThermalSection | None = None
+    """Thermal data; without them no temperature is estimated."""
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
         if self.friction_static < self.friction_kinetic:
             yield ("friction_static",), f"must be at least friction_kinetic ({self.friction_kinetic:g})"
+
+    def build(self) -> Clutch:
+        """Return the clutch as the driveline knows it."""
+        thermal = Thermal(**dict(self.thermal)) if self.thermal is not None else None
+        return Clutch(**dict(self) | {"thermal": thermal})
 
 
 class GearSection(Section):
@@ -155,7 +173,7 @@ class VehicleSection(Section):
             engine_inertia_kgm2=self.engine_inertia_kgm2,
             damper=Damper(**dict(self.damper)),
             shafts=(Shaft(**dict(self.shafts[1])), Shaft(**dict(self.shafts[2]))),
-            clutches=(Clutch(**dict(self.clutches[1])), Clutch(**dict(self.clutches[2]))),
+            clutches=(self.clutches[1].build(), self.clutches[2].build()),
             gears=tuple(build_gear(number, gear) for number, gear in sorted(self.gears.items())),
             gear_efficiency=self.gear_efficiency,
             final_drive_efficiency=self.final_drive_efficiency,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,15 +12,25 @@ from dctorque_can.config.load import Config
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.estimator import Estimator, warm_up
 from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.smoothing import Smoother
 
 
 class Chain:
-    """Decoder and estimator of one configuration; the same frames give the same bits, however they are cut."""
+    """Decoder and estimator of one configuration; the same frames give the same bits, however they are cut.
 
-    def __init__(self, config: Config) -> None:
+    Args:
+        config: the configuration.
+        smooth: remember everything, for `smoothed`.
+
+    Raises:
+        DctorqueError: the configured method cannot be smoothed.
+    """
+
+    def __init__(self, config: Config, smooth: bool = False) -> None:
         self._config = config
         self._decoder = Decoder(config.database, config.inputs, config.protections)
-        self._estimator = Estimator(config.settings)
+        self._smoother = Smoother(config.settings) if smooth else None
+        self._estimator = self._smoother or Estimator(config.settings)
 
     def warm_up(self) -> None:
         """Compile everything; takes up to a minute the first time on a machine, and no time later."""
@@ -29,6 +41,12 @@ class Chain:
     def feed(self, frames: Frames) -> Estimates:
         """Return the estimates that became due with ``frames``."""
         return self._estimator.feed(self._decoder.decode(frames))
+
+    def smoothed(self, progress: Callable[[float], None] = lambda fraction: None) -> NDArray[np.void]:
+        """Return all estimates that `feed` gave once more, smoothed: `ESTIMATE` ``[n]``."""
+        if self._smoother is None:
+            raise ValueError("only a chain that was made to smooth can do so")
+        return self._smoother.smoothed(progress)
 
     @property
     def health(self) -> NDArray[np.void]:

@@ -27,7 +27,7 @@ from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
-from dctorque_can.pipeline.estimates import Estimates
+from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
 from dctorque_can.pipeline.frames import Frames
 
 
@@ -39,11 +39,13 @@ class ReplayContent:
         frames: the frames themselves.
         signals: the decoded signals of every known message.
         truth: the truth of a simulated log; the errors against it are computed.
+        smooth: estimates are smoothed: each stands on all logs, also on what comes after it.
     """
 
     frames: bool = False
     signals: bool = False
     truth: bool = False
+    smooth: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class ReplayResult:
         output: the new log, or None.
         frames: read.
         estimates: given.
+        smoothed: whether these are smoothed.
         valid_estimates: of these, with both clutch torques valid.
         never_received: mapped inputs of which no usable value came.
         seconds: from opening to the closed result.
@@ -79,6 +82,7 @@ class ReplayResult:
     output: Path | None
     frames: int
     estimates: int
+    smoothed: bool
     valid_estimates: int
     never_received: list[str]
     seconds: float
@@ -104,13 +108,15 @@ def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config
     return load_documents(documents, overrides)
 
 
-def truth_of(log: Path) -> NDArray[np.void]:
-    """Return the truth of a simulated log: in the MCAP itself, or beside a log of another format.
+_NEEDED = "comparing needs a log of `dctorque simulate`"
+
+
+def truth_source(log: Path) -> Path:
+    """Return the file with the truth of a simulated log: the MCAP itself, or beside a log of another format.
 
     Raises:
         DctorqueError: there is none.
     """
-    needed = "comparing needs a log of `dctorque simulate`"
     plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
     if plain.suffix.lower() == ".asc":
         raise DctorqueError(
@@ -119,11 +125,20 @@ def truth_of(log: Path) -> NDArray[np.void]:
         )
     source = truth_path(plain)
     if source != log and not source.exists():
-        raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {needed}")
+        raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {_NEEDED}")
+    return source
+
+
+def truth_of(log: Path) -> NDArray[np.void]:
+    """Return the truth of a simulated log.
+
+    Raises:
+        DctorqueError: there is none.
+    """
     try:
-        return read_truth(source)
+        return read_truth(truth_source(log))
     except LogReadError as error:
-        raise LogReadError(f"{error}; {needed}") from error
+        raise LogReadError(f"{error}; {_NEEDED}") from error
 
 
 def replay_logs(
@@ -136,18 +151,20 @@ def replay_logs(
     """Estimate over ``logs``, one after another as one sequence.
 
     Raises:
-        DctorqueError: the log cannot be written (then what was written until then is removed), or there is
-            no truth to compare with.
+        DctorqueError: the log cannot be written (then what was written until then is removed), there is no
+            truth to compare with, or the configured method cannot be smoothed.
     """
     replay = _Replay(config, targets, content)
     began_s = time.monotonic()
     try:
         with replay:
             truth = [truth_of(reader.path) for reader in logs] if content.truth else []
+            read = 0.5 if content.smooth else 1.0  # share of reading in the whole
             for number, reader in enumerate(logs):
                 for frames in reader.frames():
                     replay.take(frames)
-                    progress((number + reader.fraction) / len(logs))
+                    progress(read * (number + reader.fraction) / len(logs))
+            replay.smooth(lambda fraction: progress(read + (1.0 - read) * fraction))
             errors = replay.compare(np.concatenate(truth)) if truth else None
     except DctorqueError:
         if targets.log is not None:
@@ -157,6 +174,7 @@ def replay_logs(
         output=targets.log,
         frames=replay.frames,
         estimates=replay.estimates,
+        smoothed=content.smooth,
         valid_estimates=replay.valid_estimates,
         never_received=replay.never_received,
         seconds=round(time.monotonic() - began_s, 3),
@@ -178,11 +196,12 @@ class _Replay:
         self._config = config
         self._content = content
         self._player = targets.player
-        self._chain = Chain(config)
+        self._chain = Chain(config, content.smooth)
         self._signals = MessageColumns(config.database) if content.signals else None
         self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
         self._rows: list[NDArray[np.void]] = []
-        self._log = None if targets.log is None else McapLog(targets.log, documents=config.documents)
+        self._waiting: list[tuple[Frames, int, NDArray[np.void]]] = []  # frames, number of estimates, health
+        self._log = None if targets.log is None else _new_log(targets.log, config, content)
 
     def __enter__(self) -> Self:
         return self
@@ -202,10 +221,26 @@ class _Replay:
         return never_received(self._config.inputs, self._chain.health)
 
     def take(self, frames: Frames) -> None:
-        """Do the whole job for one batch."""
+        """Do the whole job for one batch; if estimates are to be smoothed, only up to them."""
         self.time.take(frames.t_us)
         self.frames += len(frames)
         estimates = self._chain.feed(frames)
+        if not self._content.smooth:
+            self._give(frames, estimates)
+            return
+        needed = self._content.frames or self._content.signals or self._player is not None
+        self._waiting.append((frames if needed else Frames.empty(), len(estimates), estimates.health))
+
+    def smooth(self, progress: Callable[[float], None]) -> None:
+        """Do the rest for all batches that wait for their estimates to be smoothed."""
+        if not self._content.smooth:
+            return
+        rows = self._chain.smoothed(progress)
+        for frames, n, health in self._waiting:
+            self._give(frames, Estimates(rows[:n], health))
+            rows = rows[n:]
+
+    def _give(self, frames: Frames, estimates: Estimates) -> None:
         self.estimates += len(estimates)
         self.valid_estimates += count_valid(estimates.rows)
         if self._content.truth:
@@ -221,7 +256,7 @@ class _Replay:
         """Write the truth and return the errors against it."""
         if self._log is not None:
             write_truth(self._log, truth)
-        return compare(np.concatenate(self._rows), truth)
+        return compare(np.concatenate([np.zeros(0, ESTIMATE), *self._rows]), truth)
 
     def _write(self, log: McapLog, frames: Frames, estimates: Estimates) -> None:
         if self._content.frames:
@@ -231,3 +266,8 @@ class _Replay:
                 log.write_table(Table.of_signals(name, rows.dtype), rows)
         log.write_table(ESTIMATES, estimates.rows)
         log.write_table(HEALTH, estimates.health)
+
+
+def _new_log(path: Path, config: Config, content: ReplayContent) -> McapLog:
+    words = {"estimates": {"smoothed": "each stands on the whole recording"}} if content.smooth else None
+    return McapLog(path, documents=config.documents, metadata=words)

@@ -12,6 +12,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.analysis.consistency import nis
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.chain import Chain
@@ -82,11 +83,14 @@ _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 
 
 def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
-    """Return the counters of a `HEALTH` record ``[1]``: resets, late frames, and inputs by fault."""
+    """Return what a `HEALTH` record ``[1]`` has counted: resets, late frames, inputs by fault, innovations."""
     record = health[0]
     counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
     for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
         counts[fault] = {q.name.lower(): int(record[fault][q]) for q in Quantity if record[fault][q]}
+    sensors = nis(health)
+    counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}
+    counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
     return counts
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.truth_log import shifted, write_truth
+from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.pipeline.frames import Frames
@@ -22,6 +23,8 @@ from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, SensorProfil
 
 START_US = 1_704_067_200_000_000  # 2024-01-01T00:00:00Z: the same seed gives the same file
 MIXED_S = 360.0
+SIMULATION = "simulation"
+"""Metadata of a log of the simulated car; the configuration beside it is that of the car."""
 _AXLES: dict[DrivenAxle, Literal["front", "rear", "all"]] = {
     DrivenAxle.FRONT: "front",
     DrivenAxle.REAR: "rear",
@@ -51,11 +54,13 @@ class SimulatedDrive:
         frames: in order of time.
         truth: `TRUTH` rows on the time scale of the frames.
         name: of the drive, the profile and the seed.
+        vehicle: that drove, without payload; None when nobody knows.
     """
 
     frames: Frames
     truth: NDArray[np.void]
     name: str
+    vehicle: Vehicle | None = None
 
     @property
     def seconds(self) -> float:
@@ -80,7 +85,8 @@ def simulate_car(
     truth = simulate(vehicle, drive_of(config, drive, seed, duration_s), progress=progress)
     sensors = sensors_of(config, profile, seed)
     frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
-    return SimulatedDrive(frames, shifted(truth, START_US), f"{drive} drive, {profile} signals, seed {seed}")
+    name = f"{drive} drive, {profile} signals, seed {seed}"
+    return SimulatedDrive(frames, shifted(truth, START_US), name, vehicle)
 
 
 def write_log(config: Config, drive: SimulatedDrive, output: Path) -> Path:
@@ -109,7 +115,7 @@ def truth_path(output: Path) -> Path:
 
 
 def _mcap(config: Config, drive: SimulatedDrive, path: Path) -> McapLog:
-    return McapLog(path, documents=config.documents, metadata={"simulation": {"drive": drive.name}})
+    return McapLog(path, documents=config.documents, metadata={SIMULATION: {"drive": drive.name}})
 
 
 def drive_of(config: Config, name: DriveName, seed: int, duration_s: float | None) -> Drive:

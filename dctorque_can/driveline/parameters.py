@@ -34,6 +34,15 @@ class Shaft:
 
 
 @dataclass(frozen=True, slots=True)
+class Thermal:
+    """One clutch as one heat capacity that its friction warms and the coolant (oil, or air) cools."""
+
+    heat_capacity_j_per_k: float  # C
+    cooling_w_per_k: float  # h
+    coolant_c: float  # temperature of the coolant, °C
+
+
+@dataclass(frozen=True, slots=True)
 class Clutch:
     """One clutch; its torque *capacity* is ``surfaces * mu * effective_radius_m * normal_force``."""
 
@@ -43,6 +52,7 @@ class Clutch:
     surfaces: int
     max_normal_force_n: float
     drag_nms_per_rad: float  # viscous drag of the open clutch
+    thermal: Thermal | None = None  # no temperature is estimated without
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ class PhaseSource(IntEnum):
     POSITION = 0  # actuator position against the kissing point
     FLAG = 1  # a "clutch open" flag
     COMMAND = 2  # commanded torque
+    GIVEN = 3  # somebody who knows the phase gives it, as a `ClutchPhase` in the place of the position
 
 
 @dataclass(frozen=True, slots=True)

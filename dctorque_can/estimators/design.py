@@ -55,12 +55,15 @@ class KalmanDesign:
     wheel_speed_noise_rad_s: float  # of one wheel
     timing_error_s: float  # between the sample of a speed and the time of its frame
     slipping_torque_rate_nm_per_s: float  # how fast the torque of a slipping clutch changes
-    locked_torque_rate_nm_per_s: float
+    locked_torque_rate_nm_per_s: float  # … of a locked one while the engine torque changes
+    steady_torque_rate_nm_per_s: float  # … of a locked one otherwise
     torque_rate_time_s: float  # for how long it keeps that rate
+    settling_time_s: float  # in which the rate falls to the steady one
     open_torque_nm: float  # of an open clutch around its drag
     road_load_rate_nm_per_sqrt_s: float
     held_load_rate_nm_per_sqrt_s: float  # … while the car stands or brakes
-    tyre_torque_rate_nm_per_sqrt_s: float
+    tyre_torque_share: float  # of a clutch torque's rate at the wheel, what the tyres' torque does beside it
+    parameter_error_share: float  # of mass, inertias and stiffnesses
     engine_torque_error_nm: float  # of the nominal engine torque, when there is none
     engine_torque_error_share: float  # … and its growth with the torque
     engine_torque_delay_s: float  # by how much it may be late
@@ -68,4 +71,4 @@ class KalmanDesign:
     unmodelled_rad_s_per_sqrt_s: float  # what engine and shafts do beside the model
     synchroniser_rad_s2: float  # acceleration of a shaft in neutral
     gate_sigma: float  # a speed further from its prediction is not believed
-    gate_patience: int  # … until so many samples in a row are
+    gate_patience_s: float  # … until it has been so for this long

@@ -8,10 +8,11 @@ Here are its matrices and their exact discretisation on a ladder of steps, all m
     J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_o     T_o = k_o θ_o + b_o (ω_o − ω_w)          (14), (17)
     J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
 
-T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it); nothing is assumed of
-the tyre but that T_x changes at a bounded rate. Clutch torques have rates r_i that forget within
-``torque_rate_time_s``. A shaft in neutral has an open clutch and perhaps a synchroniser: there the state T_ci is
-the torque between shaft and output shaft, J_i ω̇_ci = T_ci and −R T_ci on the output shaft.
+T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it). Nothing is assumed of
+the tyre but that it carries what the clutches' torques change: Ṫ_x = Σ η i_ti i_fi r_i + noise. The rates r_i of
+the clutch torques forget within ``torque_rate_time_s``. A shaft in neutral has an open clutch and perhaps a
+synchroniser: there the state T_ci is the torque between shaft and output shaft, J_i ω̇_ci = T_ci and −R T_ci on the
+output shaft.
 
 SI units: rad/s, rad, N·m, kg·m².
 """
@@ -74,9 +75,10 @@ class Tables(NamedTuple):
             Row + 2·(shaft 1 drives) + (shaft 2 drives) is the model.
         phi: F ``[rows, steps, N, N]``.
         input: response to T_en ``[rows, steps, N]``.
-        noise: Q ``[rows, steps, N, N]`` of everything but the next three.
+        noise: Q ``[rows, steps, N, N]`` of everything but the next five.
         noise_1: … of the rate of T_c1, per unit variance of the rate.
         noise_2: … of the rate of T_c2.
+        noise_x: … of T_x, per unit intensity.
         noise_v: … of T_v, per unit intensity.
         noise_e: … of ΔT_e, per unit variance.
         output: T_o as a combination of the states ``[N]``.
@@ -88,6 +90,7 @@ class Tables(NamedTuple):
     noise: Floats
     noise_1: Floats
     noise_2: Floats
+    noise_x: Floats
     noise_v: Floats
     noise_e: Floats
     output: Floats
@@ -119,18 +122,21 @@ def continuous(
         J = vehicle.shaft_inertia_kgm2(i + 1)
         A[W_C1 + i, T_C1 + i] = 1.0 / J
         if number == 0:
-            A[W_O, T_C1 + i] = -synchroniser_ratio(vehicle, i, gear2 if i == 0 else gear1) / J_o
+            ratio = synchroniser_ratio(vehicle, i, gear2 if i == 0 else gear1)
+            A[W_O, T_C1 + i] = -ratio / J_o
+            A[T_X, R_1 + i] = -ratio
             A[TH_T1 + i, TH_T1 + i] = -_SLACK_RATE
             continue
         A[W_D, T_C1 + i] = -1.0 / damper.inertia_kgm2
         gear = vehicle.gear(number)
-        arm_in, arm_out = _arms(vehicle, gear, drives[i])
+        arm_in, arm_out = arms(vehicle, gear, drives[i])
         T_t = np.zeros(N)
         T_t[TH_T1 + i] = shaft.transfer_stiffness_nm_per_rad
         T_t[W_C1 + i] = shaft.transfer_damping_nms_per_rad / gear.ratio
         T_t[W_O] = -shaft.transfer_damping_nms_per_rad * gear.final_drive
         A[W_C1 + i] -= arm_in * T_t / J  # (12), (13)
         A[W_O] += arm_out * T_t / J_o  # (14)
+        A[T_X, R_1 + i] = arm_out / arm_in
         A[TH_T1 + i, [W_C1 + i, W_O]] = 1.0 / gear.ratio, -gear.final_drive
     T_o = np.zeros(N)
     T_o[[TH_O, W_O, W_W]] = output.stiffness_nm_per_rad, output.damping_nms_per_rad, -output.damping_nms_per_rad
@@ -148,7 +154,7 @@ def continuous(
     return A, T_o
 
 
-def _arms(vehicle: Vehicle, gear: Gear, drives: bool) -> tuple[float, float]:
+def arms(vehicle: Vehicle, gear: Gear, drives: bool) -> tuple[float, float]:
     """Return the lever arms of a transfer shaft's torque on its input shaft and on the output shaft."""
     if drives:
         return 1.0 / (gear.ratio * vehicle.gear_efficiency), gear.final_drive * vehicle.final_drive_efficiency
@@ -159,7 +165,6 @@ def intensities(design: KalmanDesign) -> Floats:
     """Return the intensity ``[N, N]`` of the white noise that always acts."""
     q = np.zeros(N)
     q[[W_E, W_D, W_C1, W_C2]] = design.unmodelled_rad_s_per_sqrt_s**2
-    q[T_X] = design.tyre_torque_rate_nm_per_sqrt_s**2
     return np.diag(q)
 
 
@@ -215,18 +220,18 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool
         pairs = []
     rows, steps = 4 * len(pairs), len(STEPS_US)
     row = np.full((table_size, table_size), -1, np.int64)
-    matrices = [np.zeros((rows, steps, N, N)) for _ in range(6)]
+    matrices = [np.zeros((rows, steps, N, N)) for _ in range(7)]
     response = np.zeros((rows, steps, N))
     B = np.zeros(N)
     B[W_E] = 1.0 / vehicle.engine_inertia_kgm2
-    rate_1, rate_2, load, engine = (np.zeros((N, N)) for _ in range(4))
+    rate_1, rate_2, tyre, load, engine = (np.zeros((N, N)) for _ in range(5))
     rate_1[R_1, R_1] = rate_2[R_2, R_2] = 2.0 / design.torque_rate_time_s
-    load[T_V, T_V] = 1.0
+    tyre[T_X, T_X] = load[T_V, T_V] = 1.0
     engine[DT_E, DT_E] = 2.0 / design.engine_torque_error_time_s
     T_o = np.zeros(N)
     for first, (gear1, gear2) in zip(range(0, rows, 4), pairs, strict=True):
         row[gear1 + 1, gear2 + 1] = first
-        noises = [intensities(design), rate_1, rate_2, load, engine]
+        noises = [intensities(design), rate_1, rate_2, tyre, load, engine]
         for drives in product((False, True), repeat=2):
             k = first + 2 * drives[0] + drives[1]
             A, T_o = continuous(vehicle, design, gear1, gear2, (drives[0], drives[1]))
@@ -234,5 +239,5 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool
                 response[k, step] = b
                 for matrix, value in zip(matrices, (F, *Q), strict=True):
                     matrix[k, step] = value
-    phi, noise, noise_1, noise_2, noise_v, noise_e = matrices
-    return Tables(row, phi, response, noise, noise_1, noise_2, noise_v, noise_e, T_o)
+    phi, noise, noise_1, noise_2, noise_x, noise_v, noise_e = matrices
+    return Tables(row, phi, response, noise, noise_1, noise_2, noise_x, noise_v, noise_e, T_o)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman, oh2014, oh2014_model
+from dctorque_can.estimators import kalman, kalman_gearbox, oh2014, oh2014_model, tape
 from dctorque_can.estimators.design import Method
 from dctorque_can.estimators.kalman import Kalman
+from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
@@ -30,7 +31,7 @@ from dctorque_can.pipeline.decisions import (
     wheel_speeds,
     wheels_in_use,
 )
-from dctorque_can.pipeline.kalman_core import act_kalman, kalman_finite, start_kalman
+from dctorque_can.pipeline.kalman_core import act_kalman, engine_speed, kalman_finite, stand_in_for_shafts
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
 
@@ -41,11 +42,9 @@ _OUT_OF_RANGE = int(SampleStatus.OUT_OF_RANGE)
 
 
 @compiled_without_allocation
-def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any, k: Kalman) -> None:
-    """Start the estimators at the present measurements."""
+def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any) -> None:
+    """Start the observer at the present measurements."""
     _, _, _, w_w, _ = wheel_speeds(core, rules)
-    if rules.method == Method.KALMAN:
-        start_kalman(core, k, w_w)
     for i in range(2):
         core.w_c[i] = core.w_c_last[i] = core.value[SPEED_1 + i]
         core.shaft_us[i] = core.t_us
@@ -144,12 +143,17 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, k: Kalman
         if core.fresh[SPEED_1 + i]:
             core.w_c[i] = core.value[SPEED_1 + i]
     decide_gears(core, rules, c)
-    decide_phases(core, rules, s.w_e if core.running else core.value[ENGINE_SPEED])
+    if rules.method == Method.KALMAN:
+        stand_in_for_shafts(core, rules, k.state[0])
+        decide_phases(core, rules, engine_speed(core, k.state[0]))
+        act_kalman(core, rules, k)
+    else:
+        decide_phases(core, rules, s.w_e if core.running else core.value[ENGINE_SPEED])
     if not inputs_complete(core, rules):
         core.running = False  # held: the torques stay as they are until the inputs are back
         return
     if not core.running:
-        restart(core, rules, s, c, pair, k)
+        restart(core, rules, s, c, pair)
     take_gears(core, s, c, pair)
     fits = speeds_fit(core, rules, pair)
     may_1, may_2 = pair.g1 != 0 and bool(core.closed[0]), pair.g2 != 0 and bool(core.closed[1])
@@ -168,8 +172,6 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, k: Kalman
     if fits and oh2014.learn_road_load(s, c, pair, may_1, may_2, elapsed_us * 1e-6):
         core.learned_us += elapsed_us
     core.settled_us = core.t_us
-    if rules.method == Method.KALMAN:
-        act_kalman(core, rules, k)
 
 
 @compiled_without_allocation
@@ -210,28 +212,30 @@ def take_value(core: Any, health: Any, quantity: int, value: float, status: int)
 
 
 @compiled_without_allocation
-def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, t_us: int) -> None:
+def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, f: Any, t_us: int) -> None:
     """Advance to the time of a sample; a gap or a step back of the clock starts anew there, and is counted."""
     if core.t_us == NEVER:
         core.t_us = core.origin_us = t_us
     elif t_us < core.t_us:
         if core.t_us - t_us > rules.max_step_back_us:
             health.clock_resets += 1
-            forget(core, t_us)
+            forget(core, f, t_us)
         else:
             health.late_frames += 1
     elif t_us - core.t_us > rules.max_gap_us:
         health.gap_resets += 1
-        forget(core, t_us)
+        forget(core, f, t_us)
     else:
         advance(core, rules, s, c, pair, t_us)
 
 
 @compiled_without_allocation
-def forget(core: Any, t_us: int) -> None:
+def forget(core: Any, f: Any, t_us: int) -> None:
     """Drop all inputs and go to ``t_us``."""
     core.t_us = core.origin_us = t_us
-    core.running = False
+    core.running = f.running = False
+    for signal in range(len(f.fault)):
+        f.fault[signal] = 0
     core.estimate_us = core.health_us = core.implausible_us = NEVER
     for quantity in range(N_QUANTITIES):
         core.seen_us[quantity] = NEVER
@@ -260,11 +264,12 @@ def run(
     rows: NDArray[np.void],
     health_rows: NDArray[np.void],
     kalman_filter: Kalman,
+    deriveds: NDArray[np.void],
 ) -> tuple[int, int]:
     """Feed samples; return how many estimates and health rows were written."""
     core, rules, s = cores[0], rule[0], states[0]
     c, pair, health = constants[0], pairs[0], healths[0]
-    f = kalman_filter.state[0]
+    f, d = kalman_filter.state[0], deriveds[0]
     n_rows = n_health = 0
     for k in range(len(t_us)):
         quantity = int(quantities[k])
@@ -274,7 +279,7 @@ def run(
                 status = _OUT_OF_RANGE
             if (status == SampleStatus.OK or status == SampleStatus.NOT_AVAILABLE) and not core.frame_ok:
                 # the frame itself is sound, so its time counts even if it brings no value
-                take_time(core, rules, s, c, pair, health, min(max(t_us[k], -LATEST_US), LATEST_US))
+                take_time(core, rules, s, c, pair, health, f, min(max(t_us[k], -LATEST_US), LATEST_US))
                 core.frame_ok = True
             take_value(core, health, quantity, values[k], status)
         if not lasts[k] or not core.frame_ok:
@@ -289,12 +294,17 @@ def run(
             health.numeric_resets += 1
             oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
             kalman.start(f, kalman_filter.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
+            if rules.method == Method.KALMAN:  # what is published next must be a number again
+                kalman_gearbox.conclude(f, kalman_filter.tables, kalman_filter.tuning[0])
+            f.running = False
+        derived.follow(core, rules, s, f, d)
         if is_due(core, core.estimate_us, rules.estimate_period_us):
             core.estimate_us = core.t_us
-            publish(core, rules, s, c, pair, f, rows[n_rows])
+            publish(core, rules, s, c, pair, f, d, rows[n_rows])
+            tape.published(f, kalman_filter.tables, kalman_filter.tuning[0])
             n_rows += 1
         if is_due(core, core.health_us, rules.health_period_us):
             core.health_us = core.t_us
-            report(core, health, health_rows[n_health])
+            report(core, health, f, health_rows[n_health])
             n_health += 1
     return n_rows, n_health

@@ -40,6 +40,10 @@ RULES = np.dtype(
         ("method", "i8"),  # Method
         ("sub_observer", "i8"),
         ("learns", "?"),  # the road load is learned
+        ("heats", "u1", (2,)),  # the vehicle file has the clutch's thermal data
+        ("heat_capacity", "f8", (2,)),  # J/K
+        ("cooling", "f8", (2,)),  # W/K
+        ("coolant", "f8", (2,)),  # °C
     ],
     align=True,
 )

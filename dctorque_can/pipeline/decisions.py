@@ -7,7 +7,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phase_decision import decide_phase, is_closed, small_slip_since
-from dctorque_can.driveline.phases import PhaseSource
+from dctorque_can.driveline.phases import ClutchPhase, PhaseSource
 from dctorque_can.estimators import oh2014, oh2014_model
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity
@@ -22,6 +22,7 @@ POSITION_1 = int(Quantity.CLUTCH1_POSITION)
 OPEN_1 = int(Quantity.CLUTCH1_OPEN)
 COMMAND_1 = int(Quantity.CLUTCH1_COMMAND)
 BRAKE = int(Quantity.BRAKE)
+_OPEN = int(ClutchPhase.OPEN)
 IMPLAUSIBLE_RATIO = 0.15
 IMPLAUSIBLE_TIME_US = 300_000
 
@@ -123,6 +124,12 @@ def decide_phases(core: Any, rules: Any, w_e: float) -> None:
     """Decide open, slipping or locked for each clutch (Fig. 3), with hysteresis in position, slip and time."""
     for i in range(2):
         source = rules.phase_source[i]
+        if source == PhaseSource.GIVEN:
+            core.closed_known[i] = usable(core, POSITION_1 + i)
+            if core.closed_known[i]:
+                core.phase[i] = int(core.value[POSITION_1 + i])
+                core.closed[i] = core.phase[i] != _OPEN
+            continue
         if source == PhaseSource.FLAG:
             quantity = OPEN_1 + i
         else:

@@ -24,6 +24,22 @@ class Status(IntFlag):
     INPUT_STALE = 128  # an input is older than its timeout, or a required one was never there
     SPEED_IMPLAUSIBLE = 256  # e.g. shaft speed does not fit gear and wheel speed
     LIMITED = 512  # an estimate hit its plausibility limit
+    ENERGY1_KNOWN = (
+        1024  # the engagement of clutch 1 has been seen from its beginning, with a valid torque all along
+    )
+    ENERGY2_KNOWN = 2048
+    RESIDUAL1_KNOWN = 4096  # clutch 1 slips and its command is fresh
+    RESIDUAL2_KNOWN = 8192
+    TEMPERATURE1_KNOWN = 16384  # the vehicle file has the thermal data of clutch 1, and the estimator runs
+    TEMPERATURE2_KNOWN = 32768
+    TIE_UP_KNOWN = 65536  # the probability of a tie-up: the method states standard deviations
+    # the Kalman estimator does without a signal: it is missing, stuck, biased, or jumps
+    ENGINE_SPEED_FAULT = 1 << 17
+    SHAFT1_SPEED_FAULT = 1 << 18
+    SHAFT2_SPEED_FAULT = 1 << 19
+    DRIVEN_WHEELS_FAULT = 1 << 20
+    UNDRIVEN_WHEELS_FAULT = 1 << 21
+    ENGINE_TORQUE_FAULT = 1 << 22
 
 
 ESTIMATE = np.dtype(
@@ -46,6 +62,20 @@ ESTIMATE = np.dtype(
         ("clutch1_slip_rad_s", "f8"),  # ω_e - ω_c1
         ("clutch2_slip_rad_s", "f8"),
         ("wheel_acceleration_rad_s2", "f8"),
+        ("clutch1_power_w", "f8"),  # |torque · slip| while the clutch slips
+        ("clutch2_power_w", "f8"),
+        ("clutch1_energy_j", "f8"),  # of the present engagement, or of the last one
+        ("clutch2_energy_j", "f8"),
+        ("clutch1_heat_j", "f8"),  # all friction work since the start
+        ("clutch2_heat_j", "f8"),
+        ("clutch1_residual_nm", "f8"),  # transmitted minus commanded torque
+        ("clutch2_residual_nm", "f8"),
+        ("clutch1_temperature_c", "f8"),
+        ("clutch2_temperature_c", "f8"),
+        ("recirculated_torque_nm", "f8"),  # what one clutch drives and the other takes back
+        ("tie_up_probability", "f8"),
+        ("clutch1_engagements", "u4"),  # since the start
+        ("clutch2_engagements", "u4"),
         ("gear1", "i1"),
         ("gear2", "i1"),
         ("phase1", "u1"),  # ClutchPhase
@@ -56,10 +86,16 @@ ESTIMATE = np.dtype(
 )
 """One estimate. Units are in the names; every float is finite."""
 
+SENSORS = ("engine", "shaft1", "shaft2", "driven_wheels", "undriven_wheels")
+"""The speeds that the Kalman filter measures, in the order of its innovations."""
+
 HEALTH = np.dtype(
     [
         ("t_us", "i8"),
         ("age_us", "i8", (N_QUANTITIES,)),  # per Quantity; -1: never seen
+        ("innovations", "i8", (len(SENSORS),)),  # speeds that the Kalman filter took; 0 with the 2014 observer
+        ("innovation_squares", "f8", (len(SENSORS),)),  # … and the sum of their normalised innovations squared
+        ("innovations_rejected", "i8", (len(SENSORS),)),  # speeds beyond its gate
         ("accepted", "u4", (N_QUANTITIES,)),  # samples since the start, likewise below
         ("not_available", "u4", (N_QUANTITIES,)),
         ("out_of_range", "u4", (N_QUANTITIES,)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,9 @@ from dctorque_can.driveline.phase_decision import closing_band
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import kalman, oh2014, oh2014_model
 from dctorque_can.estimators.design import Method, RoadLoad
-from dctorque_can.pipeline import core, core_state
+from dctorque_can.estimators.kalman import Kalman
+from dctorque_can.estimators.tape import TAPE
+from dctorque_can.pipeline import core, core_state, derived
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.rows import report
 from dctorque_can.pipeline.samples import N_QUANTITIES, Samples
@@ -21,6 +25,9 @@ SETTLING = 5.0  # time constants of the slowest part before an estimate counts a
 CAPACITY_MARGIN = 1.5  # an estimate beyond this multiple of the static capacity is limited and marked
 WIDEST = 1e6  # no input of any kind can be larger, rad/s, N·m, …
 NO_HEALTH = np.zeros(0, HEALTH)
+
+Snapshot = tuple[NDArray[Any], ...]
+"""All that changes in an estimator while it is fed."""
 
 
 class Estimator:
@@ -57,8 +64,12 @@ class Estimator:
         self._kalman = kalman.new(
             settings.vehicle, settings.kalman, oh2014_model.MAX_GEAR + 2, needed=settings.method is Method.KALMAN
         )
+        self._derived = derived.new(self._rules["coolant"][0])
         self._health = np.zeros(1, HEALTH)
         oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
+        # whatever `core.run` changes belongs here, or a recording cannot be smoothed
+        untaped = self._kalman.state.view(np.uint8)[: kalman.FILTER.itemsize - TAPE.itemsize]
+        self._changing: Snapshot = (self._core, self._state, self._pair, self._health, self._derived, untaped)
 
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due."""
@@ -79,14 +90,34 @@ class Estimator:
             rows,
             health,
             self._kalman,
+            self._derived,
         )
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
+
+    @property
+    def kalman_filter(self) -> Kalman:
+        """The filter, for its tape."""
+        return self._kalman
+
+    @property
+    def torque_limits(self) -> NDArray[np.float64]:
+        """Largest clutch torques and output torque that are published ``[3]``, N·m."""
+        return np.append(self._rules["torque_limit"][0], self._rules["output_limit"][0])
+
+    def snapshot(self) -> Snapshot:
+        """Return a copy of all that changes in `feed`, but for the filter's tape."""
+        return tuple(part.copy() for part in self._changing)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go back to a `snapshot` of this estimator; the filter's tape stays."""
+        for part, kept in zip(self._changing, snapshot, strict=True):
+            part[...] = kept
 
     @property
     def health(self) -> NDArray[np.void]:
         """`HEALTH` ``[1]``: the counters at the time of the last frame."""
         row = np.zeros(1, HEALTH)
-        report(self._core[0], self._health[0], row[0])
+        report(self._core[0], self._health[0], self._kalman.state[0], row[0])
         return row
 
 
@@ -141,6 +172,12 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     limits = [CAPACITY_MARGIN * _static_capacity(clutch) for clutch in settings.vehicle.clutches]
     r["torque_limit"] = limits
     r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
+    for i, thermal in enumerate(clutch.thermal for clutch in settings.vehicle.clutches):
+        if thermal is not None:
+            r["heats"][i] = True
+            r["heat_capacity"][i] = thermal.heat_capacity_j_per_k
+            r["cooling"][i] = thermal.cooling_w_per_k
+            r["coolant"][i] = thermal.coolant_c
     r["method"] = settings.method
     r["sub_observer"] = design.sub_observer
     r["learns"] = design.road_load is RoadLoad.LEARNED

@@ -7,58 +7,120 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman, oh2014
+from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, oh2014
 from dctorque_can.estimators.kalman import Kalman
-from dctorque_can.estimators.kalman_model import W_B, W_C1, W_E, W_W, N
+from dctorque_can.estimators.kalman_faults import SensorFault
+from dctorque_can.estimators.kalman_model import DT_E, W_B, W_C1, W_E, W_W, N
+from dctorque_can.estimators.kalman_noise import engine_variance
+from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
     ENGINE_TORQUE,
+    GEAR_1,
     SPEED_1,
     WHEEL,
-    axle_speed,
     braking,
     usable,
+    wheel_speeds,
 )
 from dctorque_can.pipeline.settings import DrivenAxle
 
-_ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN = 0, 1, 3, 4  # sensors of the gate
+BRIDGED_US = 500_000  # for so long the model stands in for an input that is missing
+SLIP_VARIANCE = 0.25  # (rad/s)², of driven wheels against the body
+SAME_TIME_US = 25_000  # apart, two wheels of an axle can still be compared
+_ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
 _REAR_WHEEL = WHEEL + 2
 _OPEN = int(ClutchPhase.OPEN)
+_NONE, _SPIKE, _STUCK, _BIASED, _MISSING = (int(fault) for fault in SensorFault)
+_IMPLAUSIBLE_TORQUE = 4.0  # standard deviations of the nominal engine torque's error
 
 
 @compiled_without_allocation
-def start_kalman(core: Any, k: Kalman, w_w: float) -> None:
-    """Start at the present measurements; w_w in rad/s."""
+def start_kalman(core: Any, rules: Any, k: Kalman) -> None:
+    """Start at the present measurements; a shaft without a speed turns with the wheels."""
     f, tuning = k.state[0], k.tuning[0]
     f.t_us = core.t_us
     f.gear[0], f.gear[1] = core.gear[0], core.gear[1]
-    w_1, w_2 = core.value[SPEED_1], core.value[SPEED_1 + 1]
+    _, w_w, _, _, _ = wheel_speeds(core, rules)
+    w_1 = shaft_speed(core, rules, tuning, 0, w_w)
+    w_2 = shaft_speed(core, rules, tuning, 1, w_w)
     kalman.start(f, tuning, core.value[ENGINE_SPEED], w_1, w_2, w_w, core.value[ENGINE_TORQUE])
+    for i in range(2):
+        if not rules.mapped[SPEED_1 + i] and core.gear[i] == 0:
+            kalman.forget(f, W_C1 + i, core.value[ENGINE_SPEED], 1e4)
+
+
+@compiled_without_allocation
+def shaft_speed(core: Any, rules: Any, tuning: Any, i: int, w_w: float) -> float:
+    """Return the speed of an input shaft as the bus or the wheels have it."""
+    if rules.mapped[SPEED_1 + i]:
+        return float(core.value[SPEED_1 + i])
+    return float(tuning.ratio[i, core.gear[i] + 1] * w_w)
+
+
+@compiled_without_allocation
+def seen_lately(core: Any, quantity: int) -> bool:
+    """Return whether an input has had a value within the time that the model bridges."""
+    seen = core.seen_us[quantity]
+    lately = seen != NEVER and core.t_us - seen <= BRIDGED_US
+    return usable(core, quantity) or (bool(core.available[quantity]) and lately)
+
+
+@compiled_without_allocation
+def may_start(core: Any, rules: Any) -> bool:
+    """Return whether all is there that a start needs: engine, gears, a wheel, and the shafts that the bus has."""
+    _, _, wheels, _, _ = wheel_speeds(core, rules)
+    complete = wheels and usable(core, ENGINE_SPEED) and usable(core, ENGINE_TORQUE)
+    for i in range(2):
+        complete &= usable(core, SPEED_1 + i) or not rules.mapped[SPEED_1 + i]
+        complete &= bool(core.gear_known[i]) or rules.infer_gears
+    return complete
+
+
+@compiled_without_allocation
+def may_go_on(core: Any, rules: Any) -> bool:
+    """Return whether a running filter has seen all that it needs lately."""
+    wheels = False
+    for quantity in range(WHEEL, WHEEL + 4):
+        wheels |= seen_lately(core, quantity)
+    complete = wheels and seen_lately(core, ENGINE_SPEED) and seen_lately(core, ENGINE_TORQUE)
+    for i in range(2):
+        complete &= seen_lately(core, SPEED_1 + i) or not rules.mapped[SPEED_1 + i]
+        complete &= seen_lately(core, GEAR_1 + i) or rules.infer_gears
+    return complete
 
 
 @compiled_without_allocation
 def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     """Let one whole frame take effect at the time of the grid."""
     f, tuning, tables = k.state[0], k.tuning[0], k.tables
+    if not f.running:
+        if not may_start(core, rules):
+            return
+        start_kalman(core, rules, k)
+    elif not may_go_on(core, rules):
+        f.running = False  # held: the torques stay as they are until the inputs are back
+        return
     phase_1, phase_2 = phase_of(core, 0), phase_of(core, 1)
-    held = braking(core) or abs(f.x[W_B]) < oh2014.STANDSTILL
-    load_rate = tuning.held_load if held else tuning.road_load
-    kalman.predict(f, tables, tuning, phase_1, phase_2, load_rate * load_rate, core.t_us)
-    if core.fresh[ENGINE_TORQUE]:
-        kalman.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
-    kalman.change_gears(f, tuning, core.gear[0], core.gear[1])
-    kalman.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
-    if core.fresh[ENGINE_SPEED]:
-        kalman.measure_gated(f, tuning, _ENGINE, W_E, core.value[ENGINE_SPEED], tuning.engine_variance)
+    stands = abs(f.x[W_B]) < oh2014.STANDSTILL
+    before_us = f.t_us
+    kalman.predict(f, tables, tuning, phase_1, phase_2, braking(core), stands, core.t_us)
+    take_torque(core, f, tuning, (f.t_us - before_us) * 1e-6)
+    kalman_gearbox.change_gears(f, tuning, core.gear[0], core.gear[1])
+    kalman_gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
+    measure_speed(core, rules, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.engine_variance, False)
     for i in range(2):
-        if core.fresh[SPEED_1 + i]:
-            kalman.measure_gated(f, tuning, _SHAFT + i, W_C1 + i, core.value[SPEED_1 + i], tuning.shaft_variance)
-    front = W_B if rules.driven_axle == DrivenAxle.REAR else W_W
-    rear = W_B if rules.driven_axle == DrivenAxle.FRONT else W_W
-    measure_axle(core, f, tuning, WHEEL, front)
-    measure_axle(core, f, tuning, _REAR_WHEEL, rear)
-    kalman.decide_directions(f, phase_1 == _OPEN, phase_2 == _OPEN)
-    kalman.conclude(f, tables, tuning)
+        measure_speed(
+            core, rules, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, tuning.shaft_variance, core.gear[i] == 0
+        )
+    rear = rules.driven_axle == DrivenAxle.REAR
+    measure_axle(core, f, tuning, WHEEL, not rear, _UNDRIVEN if rear else _DRIVEN)
+    measure_axle(
+        core, f, tuning, _REAR_WHEEL, rules.driven_axle != DrivenAxle.FRONT, _DRIVEN if rear else _UNDRIVEN
+    )
+    stand_in_for_undriven(core, rules, f)
+    kalman_gearbox.decide_directions(f, tuning, phase_1, phase_2)
+    kalman_gearbox.conclude(f, tables, tuning)
 
 
 @compiled_without_allocation
@@ -68,15 +130,90 @@ def phase_of(core: Any, i: int) -> int:
 
 
 @compiled_without_allocation
-def measure_axle(core: Any, f: Any, tuning: Any, left: int, state: int) -> None:
-    """Take the mean of an axle's wheels when one of them is new."""
-    if not (core.fresh[left] or core.fresh[left + 1]):
+def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
+    """Take a new nominal engine torque, or let the old one age; judge it by the error that the speeds tell of."""
+    if core.fresh[ENGINE_TORQUE]:
+        kalman.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
+    if core.stale[ENGINE_TORQUE]:
+        kalman.let_engine_torque_age(f, tuning, seconds)
+        kalman_faults.blame(f, _TORQUE, _MISSING)
         return
-    known, speed = axle_speed(core, left)
-    if known:
-        wheels = 2.0 if usable(core, left) and usable(core, left + 1) else 1.0
-        sensor = _DRIVEN if state == W_W else _UNDRIVEN
-        kalman.measure_gated(f, tuning, sensor, state, speed, tuning.wheel_variance / wheels)
+    limit = _IMPLAUSIBLE_TORQUE**2 * engine_variance(tuning, f.T_en)
+    if f.x[DT_E] ** 2 > limit + _IMPLAUSIBLE_TORQUE**2 * f.P[DT_E, DT_E]:
+        kalman_faults.blame(f, _TORQUE, _BIASED)
+    else:
+        f.fault[_TORQUE] = _NONE
+
+
+@compiled_without_allocation
+def measure_speed(
+    core: Any, rules: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int, variance: float, free: bool
+) -> None:
+    """Take a speed that is new; say when it has been missing or is stuck."""
+    z = core.value[quantity]
+    if core.fresh[quantity]:
+        if kalman_faults.is_stuck(f, tuning, sensor, state, z, variance):
+            kalman_faults.leave_out(f, sensor, _STUCK)
+            f.beyond[sensor] += 1
+        else:
+            kalman_faults.measure_gated(f, tuning, sensor, state, z, variance, free)
+    elif core.stale[quantity] and rules.mapped[quantity]:
+        kalman_faults.leave_out(f, sensor, _MISSING)
+
+
+@compiled_without_allocation
+def stand_in_for_undriven(core: Any, rules: Any, f: Any) -> None:
+    """Let the driven wheels tell of the body, within their slip, when no wheel is there that rolls with it."""
+    undriven = WHEEL if rules.driven_axle == DrivenAxle.REAR else _REAR_WHEEL
+    rolls = usable(core, undriven) or usable(core, undriven + 1)
+    if rolls and rules.driven_axle != DrivenAxle.ALL:
+        return
+    for quantity in range(WHEEL, WHEEL + 4):
+        if core.fresh[quantity]:
+            kalman.measure(f, W_B, f.x[W_W], SLIP_VARIANCE)
+            return
+
+
+@compiled_without_allocation
+def near_in_time(core: Any, left: int) -> bool:
+    """Return whether the wheels of an axle, in messages of their own, have been seen at nearly the same time."""
+    both = usable(core, left) and usable(core, left + 1)
+    return both and abs(core.seen_us[left] - core.seen_us[left + 1]) <= SAME_TIME_US
+
+
+@compiled_without_allocation
+def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor: int) -> None:
+    """Take the new wheel speeds of an axle: their mean, or one corrected for its usual distance from the other."""
+    state, axle = W_W if driven else W_B, (left - WHEEL) // 2
+    there_l, there_r = bool(core.fresh[left]), bool(core.fresh[left + 1])
+    if not there_l and not there_r:
+        if core.stale[left] or core.stale[left + 1]:
+            kalman_faults.blame(f, sensor, _MISSING)
+        return
+    w_l, w_r, fault = core.value[left], core.value[left + 1], 0
+    signal, variance = _SHAFT + 2 + left - WHEEL, tuning.wheel_variance
+    if there_l and kalman_faults.is_stuck(f, tuning, signal, state, w_l, variance):
+        there_l, fault = False, _STUCK
+    if there_r and kalman_faults.is_stuck(f, tuning, signal + 1, state, w_r, variance):
+        there_r, fault = False, _STUCK
+    if fault == 0 and ((there_l and there_r) or near_in_time(core, left)):
+        odd = kalman_faults.odd_wheel(f, tuning, axle, state, w_l, w_r)
+        there_l, there_r = there_l and odd != 1, there_r and odd != 2
+        if odd != 0:
+            fault = _SPIKE
+    if fault == 0 and (core.stale[left] or core.stale[left + 1]):
+        fault = _MISSING
+    usual = 0.5 * f.spread[axle] if f.spread_known[axle] else 0.0
+    if not there_l and not there_r:
+        f.beyond[sensor] += 1
+    elif there_l and there_r:
+        kalman_faults.measure_gated(f, tuning, sensor, state, 0.5 * (w_l + w_r), 0.5 * variance, False)
+    elif there_l:
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance, False)
+    else:
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance, False)
+    if fault != 0:
+        kalman_faults.blame(f, sensor, fault)
 
 
 @compiled_without_allocation
@@ -90,6 +227,14 @@ def kalman_finite(f: Any) -> bool:
 
 
 @compiled_without_allocation
-def kalman_torques(f: Any) -> tuple[float, float, float]:
-    """Return both clutch torques and the output torque, N·m."""
-    return float(f.T_c1), float(f.T_c2), float(f.T_o)
+def engine_speed(core: Any, f: Any) -> float:
+    """Return the engine speed as far as it is known."""
+    return float(f.x[W_E]) if f.running else float(core.value[ENGINE_SPEED])
+
+
+@compiled_without_allocation
+def stand_in_for_shafts(core: Any, rules: Any, f: Any) -> None:
+    """Let the model's speed stand for that of a shaft that has no signal, so that its slip can be judged."""
+    for i in range(2):
+        if f.running and not rules.mapped[SPEED_1 + i]:
+            core.w_c[i] = f.x[W_C1 + i]

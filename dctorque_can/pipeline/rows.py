@@ -7,12 +7,16 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators import oh2014
 from dctorque_can.estimators.design import Method, SubObserver
+from dctorque_can.estimators.kalman_model import DT_E, T_V, W_B, W_C1, W_E
+from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
-from dctorque_can.pipeline.estimates import Status
-from dctorque_can.pipeline.kalman_core import kalman_torques
+from dctorque_can.pipeline.derived import bounded, clutch_torques, observed_torques
+from dctorque_can.pipeline.estimates import SENSORS, Status
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
+_CLUTCH1_VALID = int(Status.CLUTCH1_VALID)
+_CLUTCH2_VALID = int(Status.CLUTCH2_VALID)
 _OUTPUT_VALID = int(Status.OUTPUT_VALID)
 _ALL_VALID = int(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID)
 _GEARS_KNOWN = int(Status.GEARS_KNOWN)
@@ -22,6 +26,10 @@ _CONVERGED = int(Status.CONVERGED)
 _INPUT_STALE = int(Status.INPUT_STALE)
 _SPEED_IMPLAUSIBLE = int(Status.SPEED_IMPLAUSIBLE)
 _LIMITED = int(Status.LIMITED)
+_FIRST_FAULT = int(Status.ENGINE_SPEED_FAULT)
+_VALID_SHARE = 0.1  # of its plausibility limit that a clutch torque's standard deviation may be
+_VALID_OUTPUT_SHARE = 0.02  # … the output torque's and the road load's
+_SENSORS = len(SENSORS)
 
 
 @compiled_without_allocation
@@ -60,33 +68,65 @@ def judge(core: Any, rules: Any, limited: bool) -> int:
 
 
 @compiled_without_allocation
-def bounded(value: float, limit: float) -> float:
-    """Return ``value`` within ±limit."""
-    return min(max(value, -limit), limit)
+def judge_kalman(core: Any, rules: Any, f: Any, limited: bool) -> int:
+    """Return the `Status` bits of a row of the Kalman filter: a torque is valid if it is known well enough."""
+    settled = f.running and core.t_us - f.reset_us >= rules.settling_us
+    gears_known = core.gear_known[0] and core.gear_known[1]
+    phases_known = core.closed_known[0] and core.closed_known[1]
+    fits = core.implausible_us == NEVER
+    status = 0
+    if gears_known:
+        status |= _GEARS_KNOWN
+    if phases_known:
+        status |= _PHASES_KNOWN
+    if settled:
+        status |= _CONVERGED
+        if f.P[T_V, T_V] <= (_VALID_OUTPUT_SHARE * rules.output_limit) ** 2:
+            status |= _ROAD_LOAD_LEARNED
+    if not f.running or any_stale(core):
+        status |= _INPUT_STALE
+    if limited:
+        status |= _LIMITED
+    if not fits and core.t_us - core.implausible_us >= IMPLAUSIBLE_TIME_US:
+        status |= _SPEED_IMPLAUSIBLE
+    for signal in range(len(f.fault)):
+        if f.fault[signal] != 0:
+            status |= _FIRST_FAULT << signal
+    if settled and fits and gears_known and phases_known and not limited:
+        if f.sigma_1 <= _VALID_SHARE * rules.torque_limit[0]:
+            status |= _CLUTCH1_VALID
+        if f.sigma_2 <= _VALID_SHARE * rules.torque_limit[1]:
+            status |= _CLUTCH2_VALID
+        if f.sigma_o <= _VALID_OUTPUT_SHARE * rules.output_limit:
+            status |= _OUTPUT_VALID
+    return status
 
 
 @compiled_without_allocation
-def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) -> None:
+def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, d: Any, row: Any) -> None:
     """Write one estimate."""
     row.t_us = core.t_us
     limit_1, limit_2, limit_o = rules.torque_limit[0], rules.torque_limit[1], rules.output_limit
     adaptive = rules.sub_observer == SubObserver.ADAPTIVE
-    T_1, T_2 = s.T_c1, s.T_c2
-    if rules.sub_observer == SubObserver.UNKNOWN_INPUT:
-        T_1, T_2 = s.T_c1_uio, s.T_c2_uio
+    T_1, T_2 = observed_torques(rules, s)
     T_o = oh2014.after_losses(c, pair, pair.R_1 * T_1 + pair.R_2 * T_2)  # (31)
     T_o_adaptive = s.T_n + s.a_w * s.tau_o  # (47)
     if abs(s.w_w) < oh2014.STANDSTILL:
         T_o_adaptive = T_o  # (47) sees nothing at rest: brakes hold whatever the clutches do not
+    T_1, T_2 = clutch_torques(rules, s, f)
     if adaptive:
-        T_1, T_2, T_o = 0.0, 0.0, T_o_adaptive
+        T_o = T_o_adaptive
+    T_e = core.value[ENGINE_TORQUE] + s.w_e * s.tau_e  # (46)
+    T_c, T_v, w_e, w_1, w_2, a_w = s.T_c, s.T_n, s.w_e, core.w_c[0], core.w_c[1], s.a_w
     if rules.method == Method.KALMAN:
-        T_1, T_2, T_o = kalman_torques(f)
+        if not core.running:  # the 2014 observer, which runs along, has not all that it needs
+            T_o_adaptive = f.T_o
+        T_o, T_c, T_e, T_v = f.T_o, T_1 + T_2, f.T_en + f.x[DT_E], f.x[T_V]
+        w_e, w_1, w_2, a_w = f.x[W_E], f.x[W_C1], f.x[W_C1 + 1], f.rate[W_B]
         row.clutch1_sigma_nm = min(f.sigma_1, limit_1)
         row.clutch2_sigma_nm = min(f.sigma_2, limit_2)
         row.output_sigma_nm = min(f.sigma_o, limit_o)
         row.clutch_correlation = bounded(f.correlation, 1.0)
-    T_e = core.value[ENGINE_TORQUE] + s.w_e * s.tau_e  # (46)
     limit_sum = limit_1 + limit_2
     row.clutch1_torque_nm = bounded(T_1, limit_1)
     row.clutch2_torque_nm = bounded(T_2, limit_2)
@@ -94,13 +134,13 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) 
     row.output_torque_adaptive_nm = bounded(T_o_adaptive, limit_o)
     row.clutch1_torque_uio_nm = bounded(s.T_c1_uio, limit_1)
     row.clutch2_torque_uio_nm = bounded(s.T_c2_uio, limit_2)
-    row.clutch_torque_sum_nm = bounded(s.T_c, limit_sum)
+    row.clutch_torque_sum_nm = bounded(T_c, limit_sum)
     row.engine_torque_nm = bounded(T_e, limit_sum)
-    row.road_load_nm = bounded(s.T_n, limit_o)
-    row.engine_speed_rad_s = s.w_e
-    row.clutch1_slip_rad_s = s.w_e - core.w_c[0]
-    row.clutch2_slip_rad_s = s.w_e - core.w_c[1]
-    row.wheel_acceleration_rad_s2 = s.a_w
+    row.road_load_nm = bounded(T_v, limit_o)
+    row.engine_speed_rad_s = w_e
+    row.clutch1_slip_rad_s = w_e - w_1
+    row.clutch2_slip_rad_s = w_e - w_2
+    row.wheel_acceleration_rad_s2 = a_w
     row.gear1 = core.gear[0]
     row.gear2 = core.gear[1]
     row.phase1 = core.phase[0]
@@ -110,18 +150,26 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, row: Any) 
         or row.clutch2_torque_nm != T_2
         or row.output_torque_nm != T_o
         or row.output_torque_adaptive_nm != T_o_adaptive
-        or row.clutch_torque_sum_nm != s.T_c
+        or row.clutch_torque_sum_nm != T_c
         or row.engine_torque_nm != T_e
-        or row.road_load_nm != s.T_n
+        or row.road_load_nm != T_v
     )
-    core.status = judge(core, rules, limited)
+    if rules.method == Method.KALMAN:
+        core.status = judge_kalman(core, rules, f, limited)
+    else:
+        core.status = judge(core, rules, limited)
+    core.status |= derived.report(core, rules, pair, f, d, row)
     row.status = core.status
 
 
 @compiled_without_allocation
-def report(core: Any, health: Any, row: Any) -> None:
+def report(core: Any, health: Any, f: Any, row: Any) -> None:
     """Copy the counters into a health row."""
     row.t_us = core.t_us
+    for sensor in range(_SENSORS):
+        row.innovations[sensor] = f.taken[sensor]
+        row.innovation_squares[sensor] = f.squares[sensor]
+        row.innovations_rejected[sensor] = f.beyond[sensor]
     for quantity in range(N_QUANTITIES):
         row.accepted[quantity] = health.accepted[quantity]
         row.not_available[quantity] = health.not_available[quantity]

@@ -131,6 +131,11 @@ def _kissing_point(car: Car, offset_mm: float) -> Car:
     )
 
 
+def _mass(car: Car, factor: float) -> Car:
+    chassis = car.vehicle.chassis
+    return _vehicle(car, chassis=replace(chassis, mass_kg=factor * chassis.mass_kg))
+
+
 def _payload(car: Car, payload_kg: float) -> Car:
     return replace(car, drive=replace(car.drive, payload_kg=car.drive.payload_kg + payload_kg))
 
@@ -199,6 +204,7 @@ FACTORS: Mapping[str, Factor] = {
             2,
             _kissing_point,
         ),
+        Factor("mass_factor", "Mass of the vehicle file, which may be wrong", 1, 0.5, 2, _mass),
         Factor("payload_kg", "Load on top of the mass of the vehicle file", 0, 0, 40_000, _payload),
         Factor(
             "tyre_radius_factor",

@@ -17,6 +17,7 @@ from dctorque_can.config.load import Config, load_config, read_content
 from dctorque_can.config.problems import ConfigError, KeyPath
 from dctorque_can.config.section import Section, nearest, problem_order, sound_parts, validate
 from dctorque_can.resources import find_config, shipped_configs
+from dctorque_can.study.code import EVERYTHING, code
 from dctorque_can.study.factors import FACTORS
 
 CUT = 3.0
@@ -123,7 +124,7 @@ class Study:
         return {name: self.plan.vary[name] for name in FACTORS if name in self.plan.vary}
 
     def identity(self) -> dict[str, str]:
-        """Return what the result of run k depends on besides k: hashes of study and vehicle, and the version.
+        """Return what the result of run k depends on besides k: the version, and hashes of study, vehicle, code.
 
         The number of runs is not part of it: run k is the same whatever their number is.
         """
@@ -135,16 +136,19 @@ class Study:
             "study": _sha256(json.dumps(plan, sort_keys=True).encode()),
             "vehicle": _sha256(json.dumps(vehicle, sort_keys=True).encode()),
             "version": __version__,
+            "code": code(EVERYTHING),
         }
 
 
-def load_study(path: Path, overrides: Mapping[str, str] | None = None, runs: int | None = None) -> Study:
+def load_study(
+    path: Path, overrides: Mapping[str, str] | None = None, changes: Mapping[str, Any] | None = None
+) -> Study:
     """Load a study and its vehicle.
 
     Args:
         path: of the study file.
         overrides: dotted key to value, laid over the vehicle file.
-        runs: instead of the file's.
+        changes: values of the study's own keys instead of the file's; None stands for the default.
 
     Raises:
         ConfigError: with every error of the study, and of the vehicle file if that is found.
@@ -152,13 +156,16 @@ def load_study(path: Path, overrides: Mapping[str, str] | None = None, runs: int
     document = parse(read_content(path), str(path))
     if not document.data:
         raise ConfigError(document.problems)
+    for key, value in (changes or {}).items():
+        document.data[key] = value
+        document.places[(key,)] = (f"--{key.removesuffix('_s')}", 0)
     plan = validate(document, (), StudySection)
     _check_limits(document)
     config = _vehicle(document, path, overrides)
     problems = sorted(document.problems, key=problem_order)
     if plan is None or config is None or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
-    return Study(path, plan if runs is None else plan.model_copy(update={"runs": runs}), config)
+    return Study(path, plan, config)
 
 
 def _check_limits(document: Document) -> None:

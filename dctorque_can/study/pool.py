@@ -43,6 +43,8 @@ def finished_runs(setup: Setup, values: Mapping[int, Mapping[str, float]], jobs:
         for number, factors in values.items():
             yield bench.run(number, factors)
         return
+    # Matrices of a filter are small: threads of its linear algebra would only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin, initargs=(setup,))

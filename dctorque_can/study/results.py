@@ -17,8 +17,12 @@ from typing import Any
 from dctorque_can.errors import DctorqueError
 from dctorque_can.study.run import Record
 
-FORMAT = "dctorque study 1"
-_WHAT = {"study": "another study (its file was changed)", "vehicle": "another vehicle file, DBC or --set"}
+FORMAT = "dctorque study 2"
+_WHAT = {
+    "study": "another study (its file was changed)",
+    "vehicle": "another vehicle file, DBC or --set",
+    "code": "other code",
+}
 
 
 class Results:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dctorque_can.analysis.errors import TORQUES
+from dctorque_can.study.coverage import EstimatorSpread, spreads
 from dctorque_can.study.plan import Study
 from dctorque_can.study.run import Record
 from dctorque_can.study.sensitivity import Effect, Sensitivity, fewest_runs, sensitivity
@@ -28,6 +29,7 @@ class StudySummary:
         used: runs that did not fail.
         least_valid: least share of valid estimates of any run.
         sensitivities: per torque, or nothing when there are too few runs.
+        estimators: both methods and the bound over the same runs, by name; nothing when all failed.
     """
 
     study: Study
@@ -37,6 +39,7 @@ class StudySummary:
     used: int
     least_valid: float | None
     sensitivities: dict[str, Sensitivity]
+    estimators: dict[str, EstimatorSpread]
 
     @property
     def runs_for_ranking(self) -> int:
@@ -61,6 +64,7 @@ class StudySummary:
             "least_valid": self.least_valid,
             "nominal_rms": self.nominal,
             "rms": self.rms,
+            "estimators": {name: spread.as_json() for name, spread in self.estimators.items()},
             "sensitivity": {
                 torque: {
                     "explained": self.sensitivities[torque].explained,
@@ -92,6 +96,7 @@ def summarise(study: Study, records: Mapping[int, Record]) -> StudySummary:
         sensitivities={
             name: sensitivity(values, errors, study.plan.seed) for name, errors in rms.items() if enough
         },
+        estimators=spreads(good),
     )
 
 

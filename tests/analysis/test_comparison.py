@@ -6,12 +6,12 @@ from scipy import signal, stats
 
 from dctorque_can.analysis.comparison import Comparison, judge, shift_windows
 from dctorque_can.analysis.comparison_plot import comparison_figure
-from dctorque_can.analysis.consistency import LEVELS, bands, independent_samples, mean_limits, nees
+from dctorque_can.analysis.consistency import LEVELS, bands, independent_samples, mean_limits, nees, nis
 from dctorque_can.analysis.errors import TORQUES, compare
 from dctorque_can.analysis.lag import Stretch, lag_s
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline.estimates import ESTIMATE
+from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH
 
 TRUTH = np.dtype(
     [
@@ -160,8 +160,47 @@ def test_drives_are_taken_together_and_rows_without_a_covariance_left_out() -> N
 
 @pytest.mark.parametrize("count", [1.0, 7.5, 93.0, 5000.0])
 def test_the_limits_are_quantiles_of_chi_square(count: float) -> None:
-    expected = stats.chi2.ppf([0.025, 0.975], 2 * count) / count
-    assert mean_limits(count) == pytest.approx(tuple(expected))
+    for freedom in (1, 2):
+        expected = stats.chi2.ppf([0.025, 0.975], freedom * count) / count
+        assert mean_limits(count, freedom) == pytest.approx(tuple(expected))
+
+
+# NIS
+
+
+def innovations(*samples: int, scale: float = 1.0) -> np.ndarray:
+    """Return the last health records of drives with so many normal innovations of the engine speed."""
+    rng = np.random.default_rng(10)
+    rows = np.zeros(len(samples), HEALTH)
+    for row, n in zip(rows, samples, strict=True):
+        row["innovations"][0] = n
+        row["innovation_squares"][0] = np.sum((scale * rng.normal(size=n)) ** 2)
+        row["innovations_rejected"][0] = 2
+    return rows
+
+
+def test_the_nis_of_normal_innovations_is_one() -> None:
+    found = nis(innovations(3000, 5000))
+    assert list(found) == ["engine"]  # the others gave nothing
+    engine = found["engine"]
+    assert (engine.samples, engine.rejected) == (8000, 4)
+    assert engine.low < engine.mean < engine.high
+    assert (engine.low, engine.high) == pytest.approx(tuple(stats.chi2.interval(0.95, 8000) / np.array(8000.0)))
+    assert nis(innovations(3000, scale=1.1))["engine"].mean > engine.high
+    assert nis(innovations(3000, scale=0.9))["engine"].mean < engine.low
+    assert nis(np.zeros(2, HEALTH)) == {}
+
+
+def test_every_sensor_has_its_place() -> None:
+    row = np.zeros(1, HEALTH)
+    row["innovations"], row["innovation_squares"] = 10, [5.0, 10.0, 15.0, 20.0, 25.0]
+    assert {name: found.mean for name, found in nis(row).items()} == {
+        "engine": 0.5,
+        "shaft1": 1.0,
+        "shaft2": 1.5,
+        "driven_wheels": 2.0,
+        "undriven_wheels": 2.5,
+    }
 
 
 # Independent samples
@@ -206,7 +245,7 @@ def test_the_limits_hold_the_mean_nees_of_correlated_errors_as_often_as_they_say
         found = nees([(error, np.ones((n, 2)), np.zeros(n), every_row(n))])
         assert found is not None
         inside += found.low < found.mean < found.high
-        low, high = mean_limits(n)
+        low, high = mean_limits(n, 2)
         naive += low < found.mean < high
     assert inside / 300 > 0.88
     assert naive / 300 < 0.5
@@ -255,6 +294,18 @@ def test_figures_of_two_drives() -> None:
         for figures in (found.everything, found.shifts):
             assert figures.torques[name].lag_ms == pytest.approx(20, abs=0.2)
     assert found.everything.clutches is None
+
+
+def test_every_drive_has_its_own_rms() -> None:
+    """Errors of 3 and 4 N·m; the second drive ends before its shift."""
+    one, (rows, truth) = drive(lag=0.0), drive(lag=0.0, bias=4.0)
+    found = judge([one, (rows, truth[:1000])], lag=False)
+    torque = found.everything.torques["clutch2_nm"]
+    assert torque.rms_each_nm == (pytest.approx(3.0, abs=1e-3), pytest.approx(4.0, abs=1e-3))
+    assert torque.rms_nm == pytest.approx(np.sqrt((600 * 9 + 100 * 16) / 700), abs=1e-3)
+    assert torque.lag_ms is None
+    assert found.shifts is not None
+    assert found.shifts.torques["clutch2_nm"].rms_each_nm == (pytest.approx(3.0, abs=1e-3), None)
 
 
 def test_stated_deviations_are_judged() -> None:

@@ -28,13 +28,23 @@ ALL_VALID = (
     | Status.PHASES_KNOWN
     | Status.ROAD_LOAD_LEARNED
     | Status.CONVERGED
+    | Status.ENERGY1_KNOWN
+    | Status.ENERGY2_KNOWN
+    | Status.RESIDUAL1_KNOWN
+    | Status.RESIDUAL2_KNOWN
+    | Status.TEMPERATURE1_KNOWN
+    | Status.TEMPERATURE2_KNOWN
+    | Status.TIE_UP_KNOWN
 )
+SIGMAS = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm")
 
 
 def estimates(t_us, **values):
     rows = np.zeros(len(t_us), ESTIMATE)
     rows["t_us"] = t_us
     rows["status"] = ALL_VALID
+    for name in SIGMAS:
+        rows[name] = 1.0
     for name, value in values.items():
         rows[name] = value
     return rows
@@ -61,14 +71,18 @@ def test_values_in_the_units_of_the_database():
         engine_torque_nm=99.9,
         clutch1_slip_rad_s=100.0,
         clutch2_slip_rad_s=-10.0,
+        clutch1_sigma_nm=3.21,
+        clutch2_sigma_nm=200.0,
+        output_sigma_nm=77.7,
+        clutch_correlation=-0.704,
         gear1=-1,
         gear2=4,
         phase1=ClutchPhase.LOCKED,
         phase2=ClutchPhase.SLIPPING,
     )
     found = read(OutputEncoder(DATABASE).encode(rows))
-    torque, driveline, slip, status = (
-        found[name] for name in ("DctClutchTorque", "DctDriveline", "DctClutchSlip", "DctStatus")
+    torque, driveline, slip, status, uncertainty = (
+        found[name] for name in ("DctClutchTorque", "DctDriveline", "DctClutchSlip", "DctStatus", "DctUncertainty")
     )
     assert torque["Clutch1Torque"] == pytest.approx(123.44, abs=0.05)
     assert torque["Clutch2Torque"] == pytest.approx(-45.6, abs=0.05)
@@ -81,25 +95,106 @@ def test_values_in_the_units_of_the_database():
     assert (slip["Clutch1Phase"], slip["Clutch2Phase"]) == ("locked", "slipping")
     assert (slip["GearShaft1"], slip["GearShaft2"]) == ("reverse", "gear 4")
     assert status["EngineTorqueEstimate"] == pytest.approx(99.9, abs=0.05)
+    assert uncertainty["Clutch1Sigma"] == pytest.approx(3.21, abs=0.05)
+    assert uncertainty["Clutch2Sigma"] == 200.0
+    assert uncertainty["OutputSigma"] == pytest.approx(77.7, abs=0.125)
+    assert uncertainty["ClutchCorrelation"] == pytest.approx(-0.704, abs=0.005)
+    assert [uncertainty[f"{name}SigmaValid"] for name in ("Clutch1", "Clutch2", "Output")] == [1, 1, 1]
     assert torque["Clutch1TorqueValid"] == driveline["OutputTorqueValid"] == slip["ClutchSlipValid"] == 1
     assert {str(found[name][f"{name}State"]) for name in found} == {"estimating"}
+
+
+def test_derived_values_in_the_units_of_the_database():
+    rows = estimates(
+        [0],
+        clutch1_power_w=27_345.0,
+        clutch2_power_w=199_999.0,
+        clutch1_energy_j=36_604.0,
+        clutch2_energy_j=499_999.0,
+        clutch1_engagements=254,
+        clutch2_engagements=600,
+        clutch1_residual_nm=-12.34,
+        clutch2_residual_nm=700.0,
+        clutch1_temperature_c=-40.04,
+        clutch2_temperature_c=312.3,
+        recirculated_torque_nm=77.7,
+        tie_up_probability=0.777,
+    )
+    found = read(OutputEncoder(DATABASE).encode(rows))
+    values = {name: value for message in found.values() for name, value in message.items()}
+    expected = {
+        "Clutch1Power": (27_345.0, 4.0),
+        "Clutch2Power": (199_999.0, 4.0),
+        "Clutch1Energy": (36_604.0, 10.0),
+        "Clutch2Energy": (499_999.0, 10.0),
+        "Clutch1Engagements": (254, 0.0),
+        "Clutch2Engagements": (600 - 2 * 255, 0.0),
+        "Clutch1Residual": (-12.34, 0.1),
+        "Clutch2Residual": (700.0, 0.1),
+        "Clutch1Temperature": (-40.04, 0.1),
+        "Clutch2Temperature": (312.3, 0.1),
+        "RecirculatedTorque": (77.7, 0.2),
+        "TieUpProbability": (0.777, 0.005),
+    }
+    for name, (value, step) in expected.items():
+        assert values[name] == pytest.approx(value, abs=0.501 * step), name
+    flags = {f"Clutch{i}{kind}Valid" for i in (1, 2) for kind in ("Power", "Energy", "Residual", "Temperature")}
+    assert {name for name in flags if values[name] == 1} == flags
+    nothing = read(OutputEncoder(DATABASE).encode(estimates([0], status=0)))
+    assert {name for message in nothing.values() for name in flags & set(message) if message[name] == 0} == flags
+
+
+TWO_CLUTCHES = {"ClutchTorqueSum", "ClutchCorrelation", "RecirculatedTorque", "TieUpProbability"}
 
 
 @pytest.mark.parametrize(
     ("lost", "signals"),
     [
-        (Status.CLUTCH1_VALID, {"Clutch1Torque", "ClutchTorqueSum"}),
-        (Status.CLUTCH2_VALID, {"Clutch2Torque", "ClutchTorqueSum"}),
-        (Status.OUTPUT_VALID, {"OutputTorque", "OutputTorqueAdaptive"}),
+        (Status.CLUTCH1_VALID, {f"Clutch1{x}" for x in ("Torque", "Sigma", "Power", "Residual")} | TWO_CLUTCHES),
+        (Status.CLUTCH2_VALID, {f"Clutch2{x}" for x in ("Torque", "Sigma", "Power", "Residual")} | TWO_CLUTCHES),
+        (Status.OUTPUT_VALID, {"OutputTorque", "OutputTorqueAdaptive", "OutputSigma"}),
         (Status.GEARS_KNOWN, {"GearShaft1", "GearShaft2"}),
-        (Status.PHASES_KNOWN, {"Clutch1Phase", "Clutch2Phase"}),
+        (Status.PHASES_KNOWN, {"Clutch1Phase", "Clutch2Phase", "Clutch1Power", "Clutch2Power"}),
+        (Status.ENERGY1_KNOWN, {"Clutch1Energy"}),
+        (Status.ENERGY2_KNOWN, {"Clutch2Energy"}),
+        (Status.RESIDUAL1_KNOWN, {"Clutch1Residual"}),
+        (Status.RESIDUAL2_KNOWN, {"Clutch2Residual"}),
+        (Status.TEMPERATURE1_KNOWN, {"Clutch1Temperature"}),
+        (Status.TEMPERATURE2_KNOWN, {"Clutch2Temperature"}),
+        (Status.TIE_UP_KNOWN, {"TieUpProbability"}),
         (Status.ROAD_LOAD_LEARNED, {"RoadLoadTorque", "OutputTorqueAdaptive"}),
     ],
 )
 def test_what_is_not_valid_is_sent_as_not_available(lost, signals):
-    found = read(OutputEncoder(DATABASE).encode(estimates([0], status=ALL_VALID & ~lost)))
-    values = {name: value for message in found.values() for name, value in message.items()}
-    assert {name for name, value in values.items() if value == "not available"} == signals
+    assert not_available(estimates([0], status=ALL_VALID & ~lost)) == signals
+
+
+def not_available(rows):
+    found = read(OutputEncoder(DATABASE).encode(rows))
+    return {name for message in found.values() for name, value in message.items() if value == "not available"}
+
+
+@pytest.mark.parametrize(
+    ("unknown", "signal"),
+    [
+        ("clutch1_sigma_nm", {"Clutch1Sigma", "ClutchCorrelation"}),
+        ("clutch2_sigma_nm", {"Clutch2Sigma", "ClutchCorrelation"}),
+        ("output_sigma_nm", {"OutputSigma"}),
+    ],
+)
+def test_a_standard_deviation_of_zero_is_unknown(unknown, signal):
+    """The 2014 observer states none; the torques themselves stay valid."""
+    rows = estimates([0], **{unknown: 0.0})
+    assert not_available(rows) == signal
+    uncertainty = read(OutputEncoder(DATABASE).encode(rows))["DctUncertainty"]
+    valid = {name: uncertainty[f"{name}SigmaValid"] for name in ("Clutch1", "Clutch2", "Output")}
+    assert valid == {name: int(f"{name}Sigma" not in signal) for name in valid}
+
+
+@pytest.mark.parametrize("correlation", [-1.0, -0.995, 0.0, 1.0])
+def test_the_correlation_over_its_whole_range(correlation):
+    found = read(OutputEncoder(DATABASE).encode(estimates([0], clutch_correlation=correlation)))
+    assert found["DctUncertainty"]["ClutchCorrelation"] == pytest.approx(correlation, abs=0.00501)
 
 
 @pytest.mark.parametrize(
@@ -132,13 +227,19 @@ def test_the_state_and_every_status_bit(status, state):
     }
 
 
-@given(st.lists(st.floats(allow_infinity=True, allow_nan=False), min_size=4, max_size=4))
+@given(st.lists(st.floats(allow_infinity=True, allow_nan=False), min_size=7, max_size=7))
 def test_any_number_is_saturated(numbers):
-    names = ("clutch1_torque_nm", "output_torque_nm", "clutch1_slip_rad_s", "engine_torque_nm")
-    signals = ("Clutch1Torque", "OutputTorque", "Clutch1Slip", "EngineTorqueEstimate")
-    factors = (1.0, 1.0, 60.0 / math.tau, 1.0)
-    found = read(OutputEncoder(DATABASE).encode(estimates([0], **dict(zip(names, numbers, strict=True)))))
-    for signal, message, number, factor in zip(signals, found, numbers, factors, strict=True):
+    signals = {
+        "clutch1_torque_nm": ("DctClutchTorque", "Clutch1Torque", 1.0),
+        "output_torque_nm": ("DctDriveline", "OutputTorque", 1.0),
+        "clutch1_slip_rad_s": ("DctClutchSlip", "Clutch1Slip", 60.0 / math.tau),
+        "engine_torque_nm": ("DctStatus", "EngineTorqueEstimate", 1.0),
+        "clutch_correlation": ("DctUncertainty", "ClutchCorrelation", 1.0),
+        "clutch1_energy_j": ("DctClutchEnergy", "Clutch1Energy", 1.0),
+        "clutch2_residual_nm": ("DctClutchResidual", "Clutch2Residual", 1.0),
+    }
+    found = read(OutputEncoder(DATABASE).encode(estimates([0], **dict(zip(signals, numbers, strict=True)))))
+    for (message, signal, factor), number in zip(signals.values(), numbers, strict=True):
         limits = DATABASE.get_message_by_name(message).get_signal_by_name(signal)
         saturated = min(max(number * factor, limits.minimum), limits.maximum)
         assert found[message][signal] == pytest.approx(saturated, abs=0.51 * limits.scale)
@@ -204,6 +305,11 @@ def test_other_identifiers():
         "DctDriveline": 0x18FF0001 | EXTENDED_ID,
         "DctClutchSlip": 5 | EXTENDED_ID,
         "DctStatus": 0x123,
+        "DctUncertainty": 0x6F4,
+        "DctClutchPower": 0x6F5,
+        "DctClutchEnergy": 0x6F6,
+        "DctClutchResidual": 0x6F7,
+        "DctClutchTemperature": 0x6F8,
     }
     frames = encoder.encode(estimates([0]))
     assert set(frames.can_id.tolist()) == set(encoder.can_ids.values())
@@ -241,5 +347,5 @@ def test_a_message_without_cycle_time_is_refused():
 def test_read_only_estimates_are_taken():
     rows = estimates([0])
     rows.flags.writeable = False
-    assert len(OutputEncoder(DATABASE).encode(rows)) == 4
+    assert len(OutputEncoder(DATABASE).encode(rows)) == len(DATABASE.messages)
     assert len(OutputEncoder(DATABASE).encode(rows[:0])) == 0

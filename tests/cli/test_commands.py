@@ -14,7 +14,8 @@ from dctorque_can import __version__
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_reader import read_table
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES
+from dctorque_can.logs.table import ESTIMATES, HEALTH
+from dctorque_can.pipeline.estimates import SENSORS
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 
@@ -89,6 +90,31 @@ def test_replay_names_the_inputs_that_never_came_and_counts_what_is_valid(dctorq
     assert ("none of the" in partly.err) == bool(result["estimates"])
 
 
+def test_replay_smooths(dctorque, tmp_path: Path) -> None:
+    """File in, file out, less wrong than online; of a method that cannot be smoothed one line, and no file."""
+    kalman = ("--set", "estimator.method=kalman")
+    assert dctorque("simulate", "-o", "drive.blf", "--duration", 3).code == 0
+    run = ("replay", "drive.blf", "-c", PAPER, "--truth", "--json")
+    online = json.loads(dctorque(*run, *kalman, "-o", "online.mcap").out)
+    outcome = dctorque(*run, *kalman, "--smooth", "-o", "smoothed.mcap")
+    assert outcome.code == 0, outcome.err
+    result = json.loads(outcome.out)
+    assert (online["smoothed"], result["smoothed"]) == (False, True)
+    assert result["estimates"] == online["estimates"] == len(read_table(tmp_path / "smoothed.mcap", ESTIMATES))
+    for torque in ("clutch1_nm", "output_nm"):
+        assert result["errors"][torque]["rms"] < online["errors"][torque]["rms"]
+    told = dctorque("replay", "smoothed.mcap", *kalman, "-o", "again.mcap")
+    assert "the log holds no frames" in told.err
+    told = dctorque("replay", "drive.blf", "-c", PAPER, *kalman, "--smooth", "-o", "told.mcap")
+    assert f"{result['estimates']} smoothed estimates" in told.err
+    wrong = dctorque("replay", "drive.blf", "-c", PAPER, "--smooth", "-o", "wrong.mcap")
+    assert wrong.code == 1
+    assert [line for line in wrong.err.splitlines() if "error" in line] == wrong.err.splitlines()
+    assert "oh2014 cannot be smoothed" in wrong.err
+    assert "--set estimator.method=kalman" in wrong.err
+    assert not (tmp_path / "wrong.mcap").exists()
+
+
 def test_the_same_seed_gives_the_same_file(dctorque, tmp_path: Path) -> None:
     for name, seed in (("a", 5), ("b", 5), ("c", 6)):
         dctorque("simulate", "-o", f"{name}.blf", "--duration", 1, "--seed", seed)
@@ -147,6 +173,21 @@ def test_the_demo_keeps_the_promised_errors(
     assert (tmp_path / result["plot"]).read_bytes().startswith(b"\x89PNG")
     replayed = dctorque("replay", result["log"], "-o", "again.mcap", "--truth", "--json")
     assert json.loads(replayed.out)["errors"]["clutch1_nm"]["rms"] == result["rms"]["clutch1_nm"]
+
+
+def test_replay_says_what_the_innovations_are_worth(dctorque) -> None:
+    assert dctorque("simulate", "-o", "drive.mcap", "--duration", 2).code == 0
+    plain = dctorque("replay", "drive.mcap", "-o", "plain.mcap")
+    assert "innovations" not in plain.err
+    kalman = ("replay", "drive.mcap", "-o", "kalman.mcap", "--force", "--set", "estimator.method=kalman")
+    shown = dctorque(*kalman)
+    assert "normalised innovations squared (1 is right): engine 0." in " ".join(shown.err.split())
+    health = json.loads(dctorque(*kalman, "--json").out)["health"]
+    last = read_table(Path("kalman.mcap"), HEALTH)[-1]
+    assert list(health["nis"]) == list(SENSORS)
+    assert health["nis"]["engine"] == pytest.approx(
+        last["innovation_squares"][0] / last["innovations"][0], rel=0.2
+    )
 
 
 def test_the_demo_shows_a_table_to_people(dctorque_process, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from dctorque_can.analysis.errors import TORQUES
+from dctorque_can.pipeline.estimates import SENSORS
 
 SHORT = ("--duration", 8)  # its first shift is within
 
@@ -44,14 +45,19 @@ def test_a_simulated_drive_and_its_log_give_the_same(dctorque, log: Path) -> Non
     assert result["shift_count"] == 1
     assert Path(result["plot"]).read_bytes().startswith(b"\x89PNG")
     assert list(result["variants"]) == ["oh2014", "kalman"]
-    for name, variant in result["variants"].items():
+    for name, variant in (result["variants"] | {"bound": result["bound"]}).items():
         assert variant["all"]["samples"] > variant["shifts"]["samples"] > 100
         for part in ("all", "shifts"):
             for torque in TORQUES:
                 figures = variant[part][torque]
                 assert abs(figures["bias_nm"]) <= figures["rms_nm"] <= figures["peak_nm"]
                 assert (figures["bands"] is None) == (name == "oh2014")
+                bound = result["bound"][part][torque]
+                assert figures["rms_over_bound"] * bound["rms_nm"] == pytest.approx(figures["rms_nm"])
+                assert figures["rms_by_drive_nm"] == [figures["rms_nm"]] == [figures["rms_mean_nm"]]
+                assert figures["rms_std_nm"] is None
             assert (variant[part]["clutches"] is None) == (name == "oh2014")
+        assert list(variant["sensors"]) == ([] if name == "oh2014" else list(SENSORS))
     bands = result["variants"]["kalman"]["all"]["clutch1_nm"]["bands"]
     assert list(bands["coverage"]) == ["50%", "90%", "95%"]
     nees = result["variants"]["kalman"]["all"]["clutches"]
@@ -63,6 +69,40 @@ def test_a_simulated_drive_and_its_log_give_the_same(dctorque, log: Path) -> Non
     again = json.loads(recorded.out)
     assert again["drives"] == [str(log)]
     assert again["variants"] == result["variants"]
+    assert again["bound"] == result["bound"]
+
+
+def test_the_bound_is_that_of_the_car_that_drove(dctorque, log: Path) -> None:
+    """A log says which car that was, whatever the estimators are told; a copy of the truth elsewhere does not."""
+    heavy = ("--set", "vehicle.chassis.mass_kg=2400", "--set", "vehicle.engine_inertia_kgm2=0.25")
+    right, wrong = (json.loads(dctorque("compare", log, "--json", *more).out) for more in ((), heavy))
+    assert wrong["bound"] == right["bound"]
+    assert wrong["variants"]["kalman"] != right["variants"]["kalman"]
+    assert dctorque("replay", log, "--frames", "--truth", "-o", "copy.mcap", *heavy).code == 0
+    copy = dctorque("compare", "copy.mcap", "--json")
+    assert copy.code == 0, copy.err
+    assert "copy.mcap does not say which vehicle drove" in " ".join(copy.err.split())
+    assert json.loads(copy.out)["bound"] != right["bound"]
+
+
+def test_the_spread_over_seeds(dctorque) -> None:
+    run = ("compare", "--duration", 3, "--json")
+    ones = [json.loads(dctorque(*run, "--seed", seed).out) for seed in (5, 6)]
+    outcome = dctorque(*run, "--seed", 5, "--seeds", 2)
+    assert outcome.code == 0, outcome.err
+    both = json.loads(outcome.out)
+    for torque in TORQUES:
+        each = [one["variants"]["kalman"]["all"][torque]["rms_nm"] for one in ones]
+        found = both["variants"]["kalman"]["all"][torque]
+        assert found["rms_by_drive_nm"] == each
+        assert found["rms_mean_nm"] == pytest.approx(sum(each) / 2)
+        assert found["rms_std_nm"] == pytest.approx(abs(each[0] - each[1]) / 2**0.5)
+    nis = [one["variants"]["kalman"]["sensors"]["engine"] for one in (*ones, both)]
+    assert nis[2]["samples"] == nis[0]["samples"] + nis[1]["samples"]
+    assert min(nis[0]["nis"], nis[1]["nis"]) <= nis[2]["nis"] <= max(nis[0]["nis"], nis[1]["nis"])
+    shown = dctorque("compare", "--duration", 3, "--seed", 5, "--seeds", 2)
+    assert "mean ± sd" in shown.out
+    assert " ± " in shown.out
 
 
 def test_the_tables(dctorque) -> None:
@@ -70,13 +110,24 @@ def test_the_tables(dctorque) -> None:
     assert_wrong_usage(outcome, "the name must be")
     outcome = dctorque("compare", "--duration", 3, "--profile", "laboratory")
     assert outcome.code == 0, outcome.err
-    for text in ("laboratory signals, seed 1, 0 shifts", "clutch 1", "oh2014", "kalman", "RMS", "NEES", "score"):
+    for text in (
+        "laboratory signals, seed 1, 0 shifts",
+        "clutch 1",
+        "oh2014",
+        "kalman",
+        "RMS",
+        "NEES",
+        "score",
+        "bound",
+        "NIS",
+        "shaft2",
+    ):
         assert text in outcome.out
     assert max(map(len, outcome.out.splitlines())) <= 100
 
 
 def test_more_variants_and_seeds(dctorque) -> None:
-    same = "same=estimator.method=kalman,estimator.kalman.gate_patience=20"
+    same = "same=estimator.method=kalman,estimator.kalman.gate_patience_s=2"
     run = ("compare", "--duration", 3, "--json", "--variant", same, "--seeds", 2, "--seed", 5)
     outcome = dctorque(*run)
     assert outcome.code == 0, outcome.err
@@ -84,10 +135,33 @@ def test_more_variants_and_seeds(dctorque) -> None:
     assert [name[-6:] for name in result["drives"]] == ["seed 5", "seed 6"]
     assert list(result["variants"]) == ["oh2014", "kalman", "same"]
     variants = result["variants"]
-    assert variants["same"]["set"] == {"estimator.method": "kalman", "estimator.kalman.gate_patience": "20"}
+    assert variants["same"]["set"] == {"estimator.method": "kalman", "estimator.kalman.gate_patience_s": "2"}
     assert variants["same"]["all"] == variants["kalman"]["all"]
     assert variants["same"]["shifts"] is None
     assert variants["kalman"]["all"] != variants["oh2014"]["all"]
+
+
+EXACT = ("--set", "estimator.kalman.parameter_error_share=0")  # the simulated car is that of the file
+
+
+def test_the_smoother_as_third(dctorque) -> None:
+    same = "same=estimator.method=kalman"
+    outcome = dctorque("compare", *SHORT, *EXACT, "--smooth", "--json", "--variant", same, "-o", "compare.png")
+    assert outcome.code == 0, outcome.err
+    variants = json.loads(outcome.out)["variants"]
+    assert list(variants) == ["oh2014", "kalman", "kalman smoothed", "same"]
+    assert [found["smoothed"] for found in variants.values()] == [False, False, True, False]
+    assert variants["same"]["all"] == variants["kalman"]["all"]
+    for part in ("all", "shifts"):
+        smoothed, online = (variants[name][part] for name in ("kalman smoothed", "kalman"))
+        assert smoothed["samples"] == online["samples"]
+        for torque in TORQUES:
+            assert smoothed[torque]["rms_nm"] < online[torque]["rms_nm"]
+            assert smoothed[torque]["bands"]["log_score"] < online[torque]["bands"]["log_score"]
+    told = dctorque("compare", "--duration", 3, "--smooth")
+    assert told.code == 0, told.err
+    assert "kalman smoothed" in told.out
+    assert max(map(len, told.out.splitlines())) <= 100
 
 
 def test_logs_without_truth(dctorque, log: Path, tmp_path: Path) -> None:
@@ -109,7 +183,8 @@ def test_bad_input_is_one_clear_line(dctorque) -> None:
     assert_one_line(outcome, "variant x: --set: estimator.method = kalmann", "oh2014", "kalman")
     outcome = dctorque("compare", "--variant", "x=estimator.kalman.gate_sigmas=4")
     assert_one_line(outcome, "variant x: --set: estimator.kalman.gate_sigmas", "gate_sigma")
-    assert_one_line(dctorque("compare", "--variant", "kalman=name=x"), "variant kalman: this name is taken")
+    for name in ("kalman", "bound"):
+        assert_one_line(dctorque("compare", "--variant", f"{name}=name=x"), f"variant {name}: this name is taken")
 
 
 def test_wrong_usage(dctorque, log: Path) -> None:

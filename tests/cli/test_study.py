@@ -8,6 +8,8 @@ from pathlib import Path
 
 import yaml
 
+from dctorque_can.pipeline.estimates import SENSORS
+
 SMALL = {
     "vehicle": "paper_car",
     "duration_s": 3,
@@ -56,6 +58,42 @@ def test_three_runs_then_more(dctorque, tmp_path: Path) -> None:
     assert "all 12 runs are there already" in shown.err
     for text in ("RMS error [N·m]", "nominal", "95 %", "clutch 1", "engine_torque_offset_nm", "sensitivity.png"):
         assert text in shown.out
+
+
+def test_both_methods_and_the_bound_are_judged(dctorque, tmp_path: Path) -> None:
+    run = (
+        "study",
+        study(tmp_path, runs=2),
+        "--vehicle",
+        "avante_dct7",
+        "--duration",
+        6,
+        "-j",
+        1,
+        "--drives",
+        "kept",
+    )
+    outcome = dctorque(*run, "--json")
+    assert outcome.code == 0, outcome.err
+    result = json.loads(outcome.out)
+    assert (result["vehicle"], result["duration_s"]) == ("Avante DCT7", 6)
+    assert Path(result["files"]["results"]) == Path("out/study_small_6.0_avante_dct7/results.jsonl")
+    assert list(result["estimators"]) == ["oh2014", "kalman", "bound"]
+    for name, found in result["estimators"].items():
+        assert found["shifts"]["clutch1_nm"]["runs"] == 2
+        assert (found["all"]["clutch1_nm"]["coverage"] is None) == (name == "oh2014")
+        assert list(found["sensors"]) == ([] if name == "oh2014" else list(SENSORS))
+    bound = result["estimators"]["bound"]["all"]["output_nm"]
+    assert bound["rms_over_bound"] == 1.0
+    assert bound["rms_median_nm"] <= bound["rms_p90_nm"] <= bound["rms_worst_nm"]
+    assert len(list((tmp_path / "kept").iterdir())) == 3
+
+    shown = dctorque(*run)
+    assert shown.code == 0, shown.err
+    for text in ("/bound", "≥ 90%", "2/2", "driven wheels", "worst"):
+        assert text in shown.out
+    tables = shown.out.split("RMS error of the drawn cars")[1].splitlines()
+    assert max(map(len, tables)) <= 100
 
 
 def test_other_results_are_not_mixed_in(dctorque, tmp_path: Path) -> None:

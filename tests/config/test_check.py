@@ -73,6 +73,21 @@ def test_errors_as_json(write) -> None:
     }
 
 
+def test_what_a_command_is_for_depends_on_where_it_stands(write) -> None:
+    """As an input it gives the residual, as the source of the phases their validity."""
+    signal = {"signal": "EngineData.EngineTorque", "not_available": [4095]}
+    phase = signal | {"threshold_nm": 5, "hysteresis_nm": 2}
+    beside = write({"inputs.clutch1_command": signal})
+    report = json.loads(run(beside, "--json").stdout)
+    lost = {row["quantity"]: row["lost"] for row in report["inputs"]}
+    assert lost["clutch1_command"] == "residual of the clutch torque"
+    report = json.loads(
+        run(write({"clutch_phase": {"source": "command", "clutch1": phase, "clutch2": phase}}), "--json").stdout
+    )
+    lost = {row["quantity"]: row["lost"] for row in report["inputs"]}
+    assert lost["clutch1_command"] == LOST["clutch1_command"] != "residual of the clutch torque"
+
+
 def test_inferred_gears_are_not_missing(write) -> None:
     result = run(write({"gears": {"source": "ratio"}}))
     assert result.exit_code == 0

@@ -1,5 +1,6 @@
 """A log carries its vehicle file and DBCs: loading them again gives the same; overrides go with them."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,7 @@ def test_an_alias_is_overridden_in_one_place_only() -> None:
 def test_dbcs_of_the_same_name_are_kept_apart(write, tmp_path: Path) -> None:
     path = write({"databases": ["demo_car.dbc", "body/demo_car.dbc"]})
     (tmp_path / "body").mkdir()
-    text = shipped_dbc("dctorque").read_text().replace("BO_ 177", "BO_ 107").replace(" 177", " 107")
+    text = re.sub(r"\b17([78]\d)\b", r"10\1", shipped_dbc("dctorque").read_text())  # other ids
     (tmp_path / "body" / "demo_car.dbc").write_text(text)
     config = load_config(path)
     assert set(config.documents) == {"car.yaml", "demo_car.dbc", "2-demo_car.dbc", "dctorque.dbc"}

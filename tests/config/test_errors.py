@@ -10,6 +10,8 @@ from dctorque_can.resources import shipped_config, shipped_dbc
 
 PEDAL = "EngineData.AcceleratorPedal"
 GEAR = {"ratio": 1.0, "final_drive": 3.7, "inertia_kgm2": 0.001}
+COMMAND = {"signal": "EngineData.EngineTorque", "threshold_nm": 5, "hysteresis_nm": 2}
+THERMAL = {"heat_capacity_j_per_k": 4000, "cooling_w_per_k": 30, "coolant_c": 80}
 
 MISTAKES = [
     ({"colour": "red"}, "colour", "unknown section"),
@@ -86,6 +88,23 @@ MISTAKES = [
     ({"gears": {"source": "ratio", "release_tolerance": 0.01}}, "gears.release_tolerance", "more than engage"),
     ({"clutch_phase.source": "positon"}, "clutch_phase.source", "did you mean position"),
     ({"clutch_phase.clutch1.closes": "up"}, "clutch_phase.clutch1.closes", "increasing or decreasing"),
+    (
+        {"inputs.clutch2_command": COMMAND["signal"]}
+        | {"clutch_phase": {"source": "command", "clutch1": COMMAND, "clutch2": COMMAND}},
+        "clutch_phase.clutch2",
+        "is the input clutch2_command too",
+    ),
+    ({"vehicle.clutches.1.thermal": {}}, "vehicle.clutches.1.thermal.heat_capacity_j_per_k", "missing"),
+    (
+        {"vehicle.clutches.2.thermal": THERMAL | {"cooling_w_per_k": 0}},
+        "vehicle.clutches.2.thermal.cooling_w_per_k",
+        "greater than 0",
+    ),
+    (
+        {"vehicle.clutches.2.thermal": THERMAL | {"coolant_k": 353}},
+        "vehicle.clutches.2.thermal.coolant_k",
+        "did you mean coolant_c",
+    ),
     ({"clutch_phase.slip_locked_rad_s": 9}, "clutch_phase.slip_released_rad_s", "more than slip_locked"),
     ({"estimator.oh2014.road_load": "steep"}, "estimator.oh2014.road_load", "none, flat or learned"),
     ({"estimator.step_ms": 20}, "estimator.period_ms", "at least step_ms"),

@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from dctorque_can.config.load import Config
+from dctorque_can.driveline.parameters import Thermal
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSource
 from dctorque_can.estimators.design import RoadLoad, SubObserver
 from dctorque_can.pipeline.samples import Input, Protection, Quantity
@@ -140,6 +142,25 @@ def test_phase_from_command(load: Load) -> None:
     config = load({"clutch_phase": {"source": "command", "clutch1": command, "clutch2": command}})
     assert config.settings.phases.clutches[0] == ClutchActuation(PhaseSource.COMMAND, 5.0, 2.0)
     assert si_of(config, Quantity.CLUTCH1_COMMAND, {"EngineTorque": 1007}) == 7
+
+
+def test_a_command_beside_the_positions(load: Load) -> None:
+    """Where positions tell the phases, a command is an input like any other."""
+    command = {"signal": "EngineData.EngineTorque", "not_available": [4095], "factor": 2, "timeout_ms": 50}
+    config = load({"inputs.clutch2_command": command})
+    assert config.warnings == ()
+    assert one(config, Quantity.CLUTCH2_COMMAND).timeout_us == 50_000
+    assert si_of(config, Quantity.CLUTCH2_COMMAND, {"EngineTorque": 1100}) == 200
+    assert one(config, Quantity.CLUTCH2_POSITION).maximum == 12
+    assert Quantity.CLUTCH1_COMMAND not in {each.quantity for each in config.inputs}
+
+
+def test_thermal_data_of_one_clutch(load: Load) -> None:
+    thermal = {"heat_capacity_j_per_k": 4000, "cooling_w_per_k": 35.5, "coolant_c": -10}
+    first, second = load({"vehicle.clutches.2.thermal": thermal}).settings.vehicle.clutches
+    assert first.thermal is None
+    assert second.thermal == Thermal(4000.0, 35.5, -10.0)
+    assert second == replace(first, thermal=second.thermal)
 
 
 def test_protection_defaults(load: Load) -> None:

@@ -1,11 +1,12 @@
 """Logs of any kind through the chain: whole, cut off, in parts, with and without their configuration."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dctorque_can.config.load import Config
+from dctorque_can.config.load import Config, load_documents
 from dctorque_can.daemon.output_file import refuse_existing
 from dctorque_can.daemon.replay import ReplayContent, ReplayResult, ReplayTargets, config_of, replay_logs
 from dctorque_can.daemon.simulated_car import SimulatedDrive, write_log
@@ -13,7 +14,7 @@ from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_reader import read_table
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES
+from dctorque_can.logs.table import ESTIMATES, HEALTH
 
 
 def run(paths: list[Path], config: Config, output: Path, content: ReplayContent | None = None) -> ReplayResult:
@@ -74,6 +75,96 @@ def test_a_cut_off_log_is_used_as_far_as_it_goes(log: Path, config: Config, tmp_
     assert "cut.mcap" in part.problems[0]
     estimates = read_table(tmp_path / "part.mcap", ESTIMATES)
     np.testing.assert_array_equal(estimates, read_table(tmp_path / "whole.mcap", ESTIMATES)[: len(estimates)])
+
+
+@pytest.fixture
+def kalman(config: Config) -> Config:
+    return load_documents(config.documents, {"estimator.method": "kalman"})
+
+
+def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, kalman: Config, tmp_path: Path) -> None:
+    """Rows at the times of the online ones, less wrong and surer; the same frames, signals and health."""
+    content = ReplayContent(frames=True, signals=True, truth=True)
+    online = run([log], kalman, tmp_path / "online.mcap", content)
+    result = run([log], kalman, tmp_path / "smoothed.mcap", replace(content, smooth=True))
+    assert (online.smoothed, result.smoothed) == (False, True)
+    assert result.errors is not None
+    assert online.errors is not None
+    for torque in ("clutch1_nm", "clutch2_nm", "output_nm"):
+        assert result.errors[torque].rms < online.errors[torque].rms
+    for name in ("frames", "estimates", "never_received", "bus_seconds", "problems", "health"):
+        assert getattr(result, name) == getattr(online, name)
+    before, after = (read_table(tmp_path / name, ESTIMATES) for name in ("online.mcap", "smoothed.mcap"))
+    assert len(after) == result.estimates
+    changed = {name for name in before.dtype.names if (before[name] != after[name]).any()} - {"status"}
+    assert changed == {
+        *("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm"),
+        *("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm", "clutch_correlation"),
+        "clutch_torque_sum_nm",
+    }
+    assert (after["clutch1_sigma_nm"] <= before["clutch1_sigma_nm"]).all()
+    for topic in (HEALTH, "/signals/Gearbox", "/dctorque/truth"):
+        assert read_table(tmp_path / "smoothed.mcap", topic).tobytes() == (
+            read_table(tmp_path / "online.mcap", topic).tobytes()
+        )
+    with open_log(tmp_path / "smoothed.mcap") as reader:
+        assert sum(len(frames) for frames in reader.frames()) == result.frames
+        assert "smoothed" in reader.metadata["estimates"]
+    with open_log(tmp_path / "online.mcap") as reader:
+        assert "estimates" not in reader.metadata
+
+
+def test_smoothing_goes_over_all_parts_of_a_recording(
+    kalman: Config, drive: SimulatedDrive, tmp_path: Path
+) -> None:
+    names = ("whole", "one", "two")
+    whole, one, two = (tmp_path / f"{name}.mcap" for name in names)
+    for path, frames in zip(
+        (whole, one, two), (drive.frames, drive.frames[:1111], drive.frames[1111:]), strict=True
+    ):
+        write_frames(path, frames)
+    smooth = ReplayContent(smooth=True)
+    run([whole], kalman, tmp_path / "a.mcap", smooth)
+    run([one, two], kalman, tmp_path / "b.mcap", smooth)
+    run([one], kalman, tmp_path / "c.mcap", smooth)
+    a, b, c = (read_table(tmp_path / f"{name}.mcap", ESTIMATES) for name in "abc")
+    assert a.tobytes() == b.tobytes()
+    assert a[: len(c)].tobytes() != c.tobytes()  # it stands on both parts
+
+
+def test_a_cut_off_log_is_smoothed_as_far_as_it_goes(log: Path, kalman: Config, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    part = run([cut], kalman, tmp_path / "part.mcap", ReplayContent(smooth=True))
+    assert part.problems
+    assert len(read_table(tmp_path / "part.mcap", ESTIMATES)) == part.estimates > 0
+
+
+def test_a_log_without_a_known_frame_has_nothing_to_smooth(
+    kalman: Config, drive: SimulatedDrive, tmp_path: Path
+) -> None:
+    strange = replace(drive.frames[:50], can_id=drive.frames.can_id[:50] + np.uint32(0x400))
+    for name, frames in (("strange", strange), ("empty", drive.frames[:0])):
+        write_frames(tmp_path / f"{name}.mcap", frames)
+        result = run([tmp_path / f"{name}.mcap"], kalman, tmp_path / "out.mcap", ReplayContent(smooth=True))
+        assert (result.frames, result.estimates) == (len(frames), 0)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_truth_without_a_frame_is_one_clear_error(
+    kalman: Config, drive: SimulatedDrive, tmp_path: Path, smooth: bool
+) -> None:
+    write_log(kalman, replace(drive, frames=drive.frames[:0]), tmp_path / "empty.mcap")
+    with pytest.raises(DctorqueError, match="there is nothing to compare"):
+        run([tmp_path / "empty.mcap"], kalman, tmp_path / "out.mcap", ReplayContent(truth=True, smooth=smooth))
+
+
+def test_the_2014_observer_is_not_smoothed_and_nothing_is_written(
+    log: Path, config: Config, tmp_path: Path
+) -> None:
+    with pytest.raises(DctorqueError, match=r"oh2014.*estimator\.method=kalman"):
+        run([log], config, tmp_path / "out.mcap", ReplayContent(smooth=True))
+    assert not (tmp_path / "out.mcap").exists()
 
 
 def test_a_failure_leaves_no_half_result(log: Path, config: Config, tmp_path: Path) -> None:

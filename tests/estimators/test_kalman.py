@@ -7,16 +7,17 @@ import pytest
 from scipy.stats import chi2
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import kalman
+from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, kalman_noise
+from dctorque_can.estimators.kalman_faults import SensorFault
 from dctorque_can.estimators.kalman_model import STEPS_US, N, State
+from dctorque_can.estimators.kalman_tuning import tuning as tuning_of
 from dctorque_can.resources import shipped_config
 
 SETTINGS = load_config(shipped_config("paper_car")).settings
-DESIGN = replace(SETTINGS.kalman, timing_error_s=0.0, engine_torque_delay_s=0.0)
+DESIGN = replace(SETTINGS.kalman, timing_error_s=0.0, engine_torque_delay_s=0.0, parameter_error_share=0.0)
 VEHICLE = SETTINGS.vehicle
-SLIPPING, LOCKED = 1, 2
+OPEN, SLIPPING, LOCKED = 0, 1, 2
 T_EN = 80.0
-ROAD_LOAD = 50.0  # N·m/√s
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,7 @@ def tables():
 
 def new_filter(tables, **changes):
     """A filter in first and second gear, started at 200, 150, 100 and 10 rad/s."""
-    k = kalman.Kalman(np.zeros(1, kalman.FILTER), kalman.tuning(VEHICLE, replace(DESIGN, **changes)), tables)
+    k = kalman.Kalman(np.zeros(1, kalman.FILTER), tuning_of(VEHICLE, replace(DESIGN, **changes)), tables)
     f = k.state[0]
     f["gear"][:] = 1, 2
     kalman.start(f, k.tuning[0], 200.0, 150.0, 100.0, 10.0, T_EN)
@@ -34,21 +35,26 @@ def new_filter(tables, **changes):
 
 
 def model(k, step):
-    """F, b and Q of one step, clutch 1 slipping and clutch 2 locked, both driving."""
-    t, tuning = k.tables, k.tuning[0]
-    row = t.row[2, 3] + 3
+    """F, b and Q of one step while torque is handed over from clutch 2 in second gear to clutch 1 in first.
+
+    Both torques then have the rate of a slipping clutch, and at the wheel first gear's counts.
+    """
+    t, row = k.tables, k.tables.row[2, 3] + 3
+    rate, at_wheel = DESIGN.slipping_torque_rate_nm_per_s, VEHICLE.gear(1).total_ratio
+    tyre = 15.0**2 + 2.0 * DESIGN.torque_rate_time_s * (DESIGN.tyre_torque_share * at_wheel * rate) ** 2
+    engine = DESIGN.engine_torque_error_nm**2 + (DESIGN.engine_torque_error_share * T_EN) ** 2
     Q = (
         t.noise[row, step]
-        + tuning["rate"][SLIPPING] ** 2 * t.noise_1[row, step]
-        + tuning["rate"][LOCKED] ** 2 * t.noise_2[row, step]
-        + ROAD_LOAD**2 * t.noise_v[row, step]
-        + (tuning["engine_error"] ** 2 + (tuning["engine_share"] * T_EN) ** 2) * t.noise_e[row, step]
+        + rate**2 * (t.noise_1[row, step] + t.noise_2[row, step])
+        + tyre * t.noise_x[row, step]
+        + DESIGN.road_load_rate_nm_per_sqrt_s**2 * t.noise_v[row, step]
+        + engine * t.noise_e[row, step]
     )
     return t.phi[row, step], t.input[row, step], Q
 
 
 def predict(k, t_us):
-    kalman.predict(k.state[0], k.tables, k.tuning[0], SLIPPING, LOCKED, ROAD_LOAD**2, t_us)
+    kalman.predict(k.state[0], k.tables, k.tuning[0], SLIPPING, LOCKED, False, False, t_us)
 
 
 def dense_update(x, P, H, z, R):
@@ -109,7 +115,7 @@ def test_consistent_on_data_of_its_own_model(tables):
             predict(k, 4000 * (n + 1))
             for sensor, state in enumerate(SPEEDS):
                 z = x[state] + noise[sensor] * random.standard_normal()
-                kalman.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2)
+                kalman_faults.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2, False)
         squares += f["squares"]
         error = x - f["x"]
         torques = [State.T_C1, State.T_C2]
@@ -124,18 +130,122 @@ def test_consistent_on_data_of_its_own_model(tables):
         assert chi2.ppf(0.0005, freedom) < total < chi2.ppf(0.9995, freedom)
 
 
-@pytest.mark.parametrize(("sensor", "state"), list(enumerate(SPEEDS)))
-def test_a_speed_beyond_the_gate_waits_for_patience(tables, sensor, state):
-    """What is 50 rad/s off changes nothing, until it has been so once more than the patience."""
-    k = new_filter(tables, gate_patience=3)
+def take(k, sensor, values, variance=0.01, free=False):
+    """Measurements every 10 ms of a shaft that keeps its speed; returns the faults, and what the state became."""
+    f, state = k.state[0], SPEEDS[sensor]
+    faults = []
+    for value in values:
+        f["t_us"] += 10_000
+        kalman_faults.measure_gated(f, k.tuning[0], sensor, state, value, variance, free)
+        faults.append(SensorFault(int(f["fault"][sensor])))
+    return faults, float(f["x"][state])
+
+
+SENSORS = range(len(SPEEDS))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_spikes_are_not_taken(tables, sensor):
+    """±50 rad/s in turn lie on no line; the first good sample ends the fault."""
+    k = new_filter(tables)
+    before = k.state[0]["x"].copy()
+    x = before[SPEEDS[sensor]]
+    faults, after = take(k, sensor, [x + 50.0, x - 50.0, x + 50.0, x - 50.0])
+    assert faults == [SensorFault.SPIKE] * 4
+    assert (k.state[0]["x"] == before).all()
+    assert take(k, sensor, [after])[0] == [SensorFault.NONE]
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_a_bias_is_not_taken_until_patience_ends(tables, sensor):
+    """50 rad/s beside the prediction is a sensor's fault for 0.5 s; then it is the filter that was wrong."""
+    k = new_filter(tables)
+    x = float(k.state[0]["x"][SPEEDS[sensor]])
+    faults, after = take(k, sensor, [x + 50.0] * 50)
+    assert faults == [SensorFault.SPIKE] + [SensorFault.BIASED] * 49
+    assert after == x
+    faults, after = take(k, sensor, [x + 50.0] * 2)
+    assert faults[-1] == SensorFault.NONE
+    assert after == pytest.approx(x + 50.0, abs=0.1)
+
+
+def test_a_motion_that_the_model_does_not_expect_is_taken(tables):
+    """An engine that loses 1500 rad/s² is believed at the third sample on its line, and its torque doubted."""
+    k = new_filter(tables)
     f = k.state[0]
-    before = f["x"].copy()
-    for n in range(3):
-        kalman.measure_gated(f, k.tuning[0], sensor, state, before[state] + 50.0, 0.01)
-        assert (f["x"] == before).all()
-        assert f["rejected"][sensor] == n + 1
-    kalman.measure_gated(f, k.tuning[0], sensor, state, before[state] + 50.0, 0.01)
-    assert f["x"][state] == pytest.approx(before[state] + 50.0, abs=0.1)
+    doubt = f["P"][State.DT_E, State.DT_E]
+    faults, after = take(k, 0, [185.0, 170.0, 155.0])
+    assert faults == [SensorFault.SPIKE, SensorFault.SPIKE, SensorFault.NONE]
+    assert after == pytest.approx(155.0, abs=0.5)
+    assert f["P"][State.DT_E, State.DT_E] > doubt + 100.0**2
+
+
+def test_a_synchroniser_may_do_anything(tables):
+    """What jumps while its shaft is in neutral is taken at once."""
+    k = new_filter(tables)
+    faults, after = take(k, 1, [400.0], free=True)
+    assert faults == [SensorFault.NONE]
+    assert after == pytest.approx(400.0, abs=0.1)
+
+
+def stuck(k, values, state=State.W_E, signal=0):
+    """Whether each value is held to be stuck while the prediction stays."""
+    return [
+        kalman_faults.is_stuck(k.state[0], k.tuning[0], signal, state, value, 0.01) for value in map(float, values)
+    ]
+
+
+def test_stuck_is_what_the_shaft_has_left(tables):
+    """A repeated value is stuck once the prediction has moved by 4 σ, and no longer when it changes."""
+    k = new_filter(tables)
+    f = k.state[0]
+    f["P"][State.W_E, State.W_E] = 0.01  # with the sensor's own 0.01: σ is 0.14
+    assert stuck(k, [200.0, 200.0]) == [False, False]
+    f["x"][State.W_E] = 200.5
+    assert stuck(k, [200.0]) == [False]
+    f["x"][State.W_E] = 200.6
+    assert stuck(k, [200.0, 200.1]) == [True, False]
+
+
+def test_stuck_is_what_repeats_itself_more_than_it_does_otherwise(tables):
+    """A sensor that hardly repeats itself may do so 8 times, one of which nothing is known 19 times: 2⁻²⁰ < 10⁻⁶.
+
+    That is so while others change. At rest a speed of zero says nothing, nor does one when all are constant.
+    """
+
+    def among_others(k, values):
+        found = []
+        for n, value in enumerate(values):
+            stuck(k, [100.0 + 0.001 * n], State.W_C1, 1)
+            stuck(k, [90.0 + 0.001 * n], State.W_C2, 2)
+            found += stuck(k, [value])
+        return found
+
+    fresh = new_filter(tables)
+    assert among_others(fresh, [200.0] * 21) == [False] * 20 + [True]
+    busy = new_filter(tables)
+    assert not any(among_others(busy, 200.0 + 0.001 * np.arange(1000)))
+    assert among_others(busy, [200.0] * 10) == [False] * 9 + [True]
+    assert not any(among_others(new_filter(tables), [0.0] * 1000))
+    assert not any(stuck(new_filter(tables), [200.0] * 1000))
+
+
+def test_the_odd_wheel_is_told(tables):
+    """Left and right differ by 0.5 rad/s in a bend. Then one jumps, or falls behind and repeats itself."""
+    k = new_filter(tables)
+    f = k.state[0]
+
+    def odd(left, right):
+        f["t_us"] += 10_000
+        return kalman_faults.odd_wheel(f, k.tuning[0], 0, State.W_W, left, right)
+
+    assert [odd(10.25, 9.75) for _ in range(3)] == [0, 0, 0]
+    assert odd(12.25, 9.75) == 1
+    assert odd(10.25, 7.75) == 2
+    assert odd(10.25, 9.75) == 0
+    f["repeats"][4] = 5  # FR, though nearer to the prediction
+    assert odd(10.75, 9.75) == 2
+    assert [odd(12.25, 9.75) for _ in range(60)][-1] == 0  # for half a second: so they differ now
 
 
 def test_a_frame_that_is_late_says_less(tables):
@@ -144,34 +254,91 @@ def test_a_frame_that_is_late_says_less(tables):
     f = k.state[0]
     f["rate"][State.W_E] = 300.0
     x, P = dense_update(f["x"].copy(), f["P"].copy(), np.eye(N)[State.W_E], 201.0, 0.1**2 + 0.3**2)
-    kalman.measure_gated(f, k.tuning[0], 0, State.W_E, 201.0, 0.1**2)
+    kalman_faults.measure_gated(f, k.tuning[0], 0, State.W_E, 201.0, 0.1**2, False)
     np.testing.assert_allclose(f["x"], x)
     np.testing.assert_allclose(f["P"], P, atol=1e-12)
 
 
 def test_losses_do_not_follow_the_noise(tables):
-    """A closed clutch drives down to −(2 N·m + 0.1 σ), and is driven up to as much; an open one has no band."""
+    """A locked clutch drives down to −(2 N·m + 0.5 σ), and is driven up to as much; an open one has no band."""
     k = new_filter(tables)
     f = k.state[0]
-    f["P"][State.T_C1, State.T_C1] = 10.0**2
     decisions = []
-    for torque in (-2.9, -3.1, 2.9, 3.1):
+    for torque in (-6.9, -7.1, 6.9, 7.1):
         f["x"][State.T_C1] = torque
-        kalman.decide_directions(f, False, True)
+        f["P"][State.T_C1, State.T_C1] = 10.0**2
+        kalman_gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
         decisions.append(bool(f["drives"][0]))
     assert decisions == [True, False, False, True]
     f["x"][State.T_C2] = -0.1
-    kalman.decide_directions(f, False, True)
+    kalman_gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
     assert not f["drives"][1]
+
+
+def test_friction_follows_the_slip(tables):
+    """With 50 rad/s of slip a slipping clutch drives, whatever the filter thinks of its torque."""
+    k = new_filter(tables)
+    f = k.state[0]
+    f["x"][State.T_C1] = -60.0
+    kalman_gearbox.decide_directions(f, k.tuning[0], SLIPPING, OPEN)
+    assert f["drives"][0]
+    f["x"][State.W_E] = 100.0  # slower than the shaft
+    kalman_gearbox.decide_directions(f, k.tuning[0], SLIPPING, OPEN)
+    assert not f["drives"][0]
+
+
+def test_turned_losses_do_not_prove_zero_torque(tables):
+    """The losses turn at −20 ± 10 N·m: what is known of clutch and output torque together must not pull to zero.
+
+    Before, T_o = R η T_c was known to 1 N·m; then T_o = R T_c/η is told with as little doubt.
+    """
+    k = new_filter(tables)
+    f, gear = k.state[0], VEHICLE.gear(1)
+    efficiency = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency
+    stiffness = VEHICLE.output_shaft.stiffness_nm_per_rad
+    line = np.zeros(N)
+    line[[State.T_C1, State.TH_O]] = 1.0, gear.total_ratio * efficiency / stiffness
+    f["P"][:] = 10.0**2 * np.outer(line, line) + 1e-9 * np.eye(N)
+    f["x"][:] = -20.0 * line
+    kalman_gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
+    assert not f["drives"][0]
+    H = np.zeros(N)
+    H[State.TH_O], H[State.T_C1] = stiffness, -gear.total_ratio / efficiency
+    x, _ = dense_update(f["x"].copy(), f["P"].copy(), H, 0.0, 1.0)
+    assert x[State.T_C1] == pytest.approx(-20.0, abs=10.0)
+
+
+def test_wrong_parameters_spread_what_they_falsify(tables):
+    """A twist that jumps by 0.1 rad with a stiffness that may be 20 % off is in the end uncertain by 0.02 rad."""
+    k = new_filter(tables, parameter_error_share=0.2)
+    f = k.state[0]
+    f["x"][State.TH_O] = 0.1
+    before = f["P"][State.TH_O, State.TH_O]
+    for _ in range(3000):
+        kalman_noise.admit_parameter_errors(f, k.tuning[0], 0.001)
+    assert np.sqrt(f["P"][State.TH_O, State.TH_O] - before) == pytest.approx(0.02, rel=0.01)
+
+
+def test_a_torque_is_lively_after_an_event_and_then_steady(tables):
+    """2500 N·m/s while it slips, e⁻¹ of that 0.3 s after it has locked, and 50 N·m/s in the end."""
+    k = new_filter(tables)
+    f = k.state[0]
+    f["torque_rate"][1] = 0.0
+    kalman_noise.decide_rates(f, k.tuning[0], SLIPPING, OPEN, 0.01)
+    rates = [f["torque_rate"][0]]
+    for seconds in (0.3, 10.0):
+        kalman_noise.decide_rates(f, k.tuning[0], LOCKED, OPEN, seconds)
+        rates.append(f["torque_rate"][0])
+    assert rates == pytest.approx([2500.0, 2500.0 / np.e, 50.0])
 
 
 def test_neutral_publishes_drag_alone(tables):
     """The synchroniser's torque is not the clutch's: 0.005 N·m·s/rad · 50 rad/s."""
     k = new_filter(tables)
     f = k.state[0]
-    kalman.change_gears(f, k.tuning[0], 0, 2)
+    kalman_gearbox.change_gears(f, k.tuning[0], 0, 2)
     f["x"][State.T_C1] = 77.0
-    kalman.conclude(f, k.tables, k.tuning[0])
+    kalman_gearbox.conclude(f, k.tables, k.tuning[0])
     assert f["T_c1"] == pytest.approx(VEHICLE.clutches[0].drag_nms_per_rad * 50.0)
     assert f["sigma_1"] == DESIGN.open_torque_nm
     assert f["correlation"] == 0.0

@@ -58,7 +58,7 @@ def right_hand_side(vehicle, design, g1, g2, x, T_en):
         S.TH_T1: x[S.W_C1] / pair.i_t1 - pair.i_f1 * x[S.W_O],
         S.TH_T2: x[S.W_C2] / pair.i_t2 - pair.i_f2 * x[S.W_O],
         S.TH_O: x[S.W_O] - x[S.W_W],
-        S.T_X: 0.0,
+        S.T_X: pair.R_1 * x[S.R_1] + pair.R_2 * x[S.R_2],
         S.T_C1: x[S.R_1],
         S.T_C2: x[S.R_2],
         S.R_1: -x[S.R_1] / design.torque_rate_time_s,
@@ -136,7 +136,7 @@ def test_two_steps_are_one_of_twice_the_length(car):
             np.testing.assert_allclose(t.phi[k, step], F @ F, atol=1e-9 * np.abs(F).max() ** 2)
             b = t.input[k, step + 1]
             np.testing.assert_allclose(t.input[k, step], F @ b + b, rtol=1e-9, atol=1e-12)
-            for noise in (t.noise, t.noise_1, t.noise_2, t.noise_v, t.noise_e):
+            for noise in (t.noise, t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e):
                 Q = noise[k, step + 1]
                 np.testing.assert_allclose(
                     noise[k, step], F @ Q @ F.T + Q, rtol=1e-7, atol=1e-9 * np.abs(noise[k, step]).max()

@@ -31,7 +31,7 @@ WHEELS = (Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FR, Q.WHEEL_SPEED_RL, Q.WHEEL_SPEED_RR
 FRAMES = (  # one frame every 2.5 ms, all of them every 10 ms
     (Q.ENGINE_SPEED, Q.ENGINE_TORQUE, Q.BRAKE),
     (Q.SHAFT1_SPEED, Q.SHAFT2_SPEED),
-    (Q.GEAR1, Q.GEAR2, Q.CLUTCH1_POSITION, Q.CLUTCH2_POSITION),
+    (Q.GEAR1, Q.GEAR2, Q.CLUTCH1_POSITION, Q.CLUTCH2_POSITION, Q.CLUTCH1_COMMAND, Q.CLUTCH2_COMMAND),
     WHEELS,
 )
 
@@ -40,6 +40,7 @@ VALID = S.CLUTCH1_VALID | S.CLUTCH2_VALID | S.OUTPUT_VALID
 KNOWN = S.GEARS_KNOWN | S.PHASES_KNOWN
 READY = KNOWN | S.CONVERGED
 LEARNED = S.ROAD_LOAD_LEARNED
+JUDGEMENT = VALID | READY | LEARNED | S.INPUT_STALE | S.SPEED_IMPLAUSIBLE | S.LIMITED  # of the torques
 SETTLED_MS = 85.0  # first frame 5 / 65 s after the start at 7.5 ms, when every input has been there once
 LEARNED_MS = 1007.5  # five times 0.2 s after it
 
@@ -96,8 +97,8 @@ def estimates(settings, seconds, values, start_us=0):
 
 
 def timeline(rows, start_us=0, column="status"):
-    """Return every change of a column as [(ms, value)]."""
-    value = rows[column]
+    """Return every change of a column as [(ms, value)]; of a status without what is known beside the torques."""
+    value = rows[column] & int(JUDGEMENT) if column == "status" else rows[column]
     changes = [0, *(k for k, (a, b) in enumerate(pairwise(value), 1) if a != b)]
     kind = Status if column == "status" else int
     return [((int(rows["t_us"][k]) - start_us) / 1000, kind(int(value[k]))) for k in changes]

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import load_config
 from dctorque_can.estimators.design import Method
+from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
-from dctorque_can.pipeline.samples import Quantity, Samples
+from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import PAPER, simulate
 from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, emit_frames
@@ -30,12 +31,25 @@ TORQUES = ("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm")
 SIGMAS = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm")
 Q = Quantity
 FRONT, REAR = (Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FR), (Q.WHEEL_SPEED_RL, Q.WHEEL_SPEED_RR)
-SENSORS = {
-    "engine": (Q.ENGINE_SPEED,),
+SIGNALS = {
+    "engine speed": (Q.ENGINE_SPEED,),
     "shaft 1": (Q.SHAFT1_SPEED,),
     "shaft 2": (Q.SHAFT2_SPEED,),
     "driven wheels": FRONT,
     "undriven wheels": REAR,
+    "one driven wheel": FRONT[:1],
+    "one undriven wheel": REAR[:1],
+    "engine torque": (Q.ENGINE_TORQUE,),
+}
+FLAGS = {
+    "engine speed": Status.ENGINE_SPEED_FAULT,
+    "shaft 1": Status.SHAFT1_SPEED_FAULT,
+    "shaft 2": Status.SHAFT2_SPEED_FAULT,
+    "driven wheels": Status.DRIVEN_WHEELS_FAULT,
+    "undriven wheels": Status.UNDRIVEN_WHEELS_FAULT,
+    "one driven wheel": Status.DRIVEN_WHEELS_FAULT,
+    "one undriven wheel": Status.UNDRIVEN_WHEELS_FAULT,
+    "engine torque": Status.ENGINE_TORQUE_FAULT,
 }
 LATE_TORQUE = replace(PRODUCTION, torque_gain=1.05, torque_delay_us=10_000, seed=3)
 
@@ -57,8 +71,11 @@ def drives(truth):
 
 @pytest.fixture(scope="module")
 def clean(drives):
-    """The estimates of the production drive without any fault."""
-    return Estimator(PRODUCTION_SETTINGS).feed(drives["production"]).rows
+    """The estimates without any fault."""
+    return {
+        "laboratory": Estimator(LABORATORY_SETTINGS).feed(drives["laboratory"]).rows,
+        "production": Estimator(PRODUCTION_SETTINGS).feed(drives["production"]).rows,
+    }
 
 
 def errors(rows, truth):
@@ -130,40 +147,134 @@ def test_cuts_change_no_bit(cuts, seed):
     assert np.concatenate([p.health for p in parts]).tobytes() == whole.health.tobytes()
 
 
-@pytest.mark.parametrize("sensor", list(SENSORS))
-@pytest.mark.parametrize("at_s", [2.5, 6.15], ids=["launch", "shift"])
-def test_a_spike_is_not_believed(drives, clean, sensor, at_s):
-    """50 rad/s on one frame of production CAN moves no torque by more than 1.5 of its own σ."""
-    data = drives["production"]
-    hit = np.isin(data.quantity, SENSORS[sensor]) & (data.t_us >= at_s * 1e6)
-    hit &= data.t_us == data.t_us[hit][0]
-    struck = Estimator(PRODUCTION_SETTINGS).feed(replace(data, value=data.value + 50.0 * hit)).rows
-    for torque, sigma in zip(TORQUES, SIGMAS, strict=True):
-        assert (np.abs(struck[torque] - clean[torque]) <= 1.5 * clean[sigma] + 0.5).all()
+SHIFT_US = 6_150_000  # in the middle of the up-shift
+FAULT_US = 200_000
+RECOVERY_US = 300_000
+FAULTS = ("missing", "stuck", "spikes")
 
 
-@pytest.mark.parametrize("sensor", list(SENSORS))
-def test_a_stuck_sensor_is_forgotten(drives, clean, truth, sensor):
-    """Frozen for 200 ms from the middle of the up-shift: bounded, and 300 ms later nearly as without."""
-    data = drives["production"]
-    rows = clean
-    during = rows["t_us"][shifting(rows, truth)]
-    begin = int(during[len(during[during < 8e6]) // 2])
-    value = data.value.copy()
-    for quantity in SENSORS[sensor]:
+def with_fault(data, quantities, fault):
+    """The samples with a fault of 200 ms in some signals."""
+    value, status = data.value.copy(), data.status.copy()
+    random = np.random.default_rng(5)
+    for quantity in quantities:
         mine = np.flatnonzero(data.quantity == quantity)
-        stuck = mine[(data.t_us[mine] >= begin) & (data.t_us[mine] < begin + 200_000)]
-        value[stuck] = value[stuck[0]]
-    estimator = Estimator(PRODUCTION_SETTINGS)
-    faulty = estimator.feed(replace(data, value=value)).rows
+        mine = mine[(data.t_us[mine] >= SHIFT_US) & (data.t_us[mine] < SHIFT_US + FAULT_US)]
+        if fault == "missing":
+            status[mine] = SampleStatus.NOT_AVAILABLE
+        elif fault == "stuck":
+            value[mine] = value[mine[0]]
+        else:
+            hit = mine[random.random(len(mine)) < 0.3]
+            value[hit] += random.choice([-100.0, 100.0], len(hit))
+    return replace(data, value=value, status=status)
+
+
+@pytest.mark.parametrize("drive", ["laboratory", "production"])
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("signal", list(SIGNALS))
+def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signal):
+    """200 ms in the middle of a shift: no divergence, the flag names it, 300 ms later all is nearly as without.
+
+    What is left is within 3.5 of the filter's own σ (a moment without a sensor changes what is learned of the
+    engine torque). A torque that stays the same cannot be told from one that does so; nor can both wheels of the
+    driven axle on the slow bus, whose prediction is uncertain in a shift. Wheels go stale after 200 ms only.
+    """
+    settings = LABORATORY_SETTINGS if drive == "laboratory" else PRODUCTION_SETTINGS
+    estimator = Estimator(settings)
+    rows, good = estimator.feed(with_fault(drives[drive], SIGNALS[signal], fault)).rows, clean[drive]
     assert estimator.health["numeric_resets"][0] == 0
-    limits = [*estimator._rules["torque_limit"][0].tolist(), estimator._rules["output_limit"][0]]
-    late = faulty["t_us"] > begin + 500_000
-    for torque, sigma, limit, rest in zip(TORQUES, SIGMAS, limits, (6.0, 8.0, 120.0), strict=True):
-        assert np.isfinite(faulty[torque]).all()
-        assert np.abs(faulty[torque]).max() <= limit
-        difference = np.abs(faulty[torque] - rows[torque])[late]
-        assert (difference <= np.maximum(rest, 2.0 * rows[sigma][late])).all()
+    during = (rows["t_us"] >= SHIFT_US) & (rows["t_us"] < SHIFT_US + FAULT_US)
+    late = rows["t_us"] > SHIFT_US + FAULT_US + RECOVERY_US
+    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (150.0, 150.0, 600.0), (6.0, 8.0, 120.0), strict=True):
+        difference = np.abs(rows[torque] - good[torque])
+        assert difference[during].max() <= bound
+        assert (difference[late] <= np.maximum(rest, 3.5 * good[sigma][late])).all()
+    unnamed = {
+        ("missing", "driven wheels"),
+        ("missing", "undriven wheels"),
+        ("missing", "one driven wheel"),
+        ("missing", "one undriven wheel"),
+        ("stuck", "engine torque"),
+        ("spikes", "engine torque"),
+    }
+    if (fault, signal) not in unnamed and (fault, signal, drive) != ("stuck", "driven wheels", "production"):
+        named = np.bitwise_or.reduce(rows["status"][during] & ~good["status"][during])
+        assert Status(int(named)) & FLAGS[signal]
+
+
+@pytest.mark.parametrize("value", ["stuck", "zero"])
+@pytest.mark.parametrize("wheel", [Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_RL])
+def test_a_dead_wheel_is_left_out_for_good(drives, clean, wheel, value):
+    """From the middle of the shift to the end: its neighbour stands for both, and no torque suffers."""
+    data = drives["production"]
+    mine = np.flatnonzero((data.quantity == wheel) & (data.t_us >= SHIFT_US))
+    values = data.value.copy()
+    values[mine] = values[mine[0]] if value == "stuck" else 0.0
+    rows, good = Estimator(PRODUCTION_SETTINGS).feed(replace(data, value=values)).rows, clean["production"]
+    moving = (rows["t_us"] > SHIFT_US) & (rows["t_us"] < SHIFT_US + 4_000_000)
+    for torque, sigma, rest in zip(TORQUES, SIGMAS, (6.0, 8.0, 120.0), strict=True):
+        difference = np.abs(rows[torque] - good[torque])[moving]
+        assert (difference <= np.maximum(rest, 3.0 * good[sigma][moving])).all()
+    flag = Status.DRIVEN_WHEELS_FAULT if wheel == Q.WHEEL_SPEED_FL else Status.UNDRIVEN_WHEELS_FAULT
+    assert np.mean((rows["status"][moving] & np.uint32(int(flag))) != 0) > 0.9
+
+
+def test_without_undriven_wheels_the_driven_ones_tell_of_the_body():
+    """At a steady speed neither the road load nor the acceleration may drift away."""
+    ours = replace(HAND_MADE, method=Method.KALMAN)
+    whole = Estimator(ours).feed(traffic(20.0, lambda t: cruise())).rows[-1]
+    rear = (Q.WHEEL_SPEED_RL, Q.WHEEL_SPEED_RR)
+    driven = (
+        Estimator(ours)
+        .feed(traffic(20.0, lambda t: {q: v for q, v in cruise().items() if q not in rear}))
+        .rows[-1]
+    )
+    assert abs(driven["wheel_acceleration_rad_s2"]) < 0.2
+    assert driven["road_load_nm"] == pytest.approx(
+        whole["road_load_nm"], abs=3.0 * whole["output_sigma_nm"] + 50.0
+    )
+
+
+def test_rare_gears_within_their_timeout_are_enough():
+    """A gear that comes once a second and may be 3 s old keeps the filter running."""
+    slow = tuple(
+        replace(item, timeout_us=3_000_000) if item.quantity in (Q.GEAR1, Q.GEAR2) else item
+        for item in HAND_MADE.inputs
+    )
+    data = traffic(10.0, lambda t: cruise())
+    gears = np.isin(data.quantity, [Q.GEAR1, Q.GEAR2])
+    status = np.where(gears & (data.t_us % 1_000_000 > 20_000), SampleStatus.NOT_AVAILABLE, data.status)
+    rows = (
+        Estimator(replace(HAND_MADE, method=Method.KALMAN, inputs=slow))
+        .feed(replace(data, status=status.astype(np.uint8)))
+        .rows
+    )
+    settled = rows["t_us"] > 3_000_000
+    assert ((rows["status"][settled] & int(Status.CONVERGED)) != 0).all()
+
+
+def test_a_gap_starts_the_filter_anew():
+    """A jump of the clock by an hour, forwards and back; the gears come last."""
+    ours = replace(HAND_MADE, method=Method.KALMAN)
+    for jump_s in (3600, -3600):
+        estimator = Estimator(ours)
+        for begin_s in (7200, 7200 + jump_s):
+            data = traffic(2.0, lambda t: cruise(), begin_s * 1_000_000)
+            order = np.argsort(np.isin(data.quantity, [Q.GEAR1, Q.GEAR2]), kind="stable")
+            estimator.feed(data[order[np.argsort(data.t_us[order], kind="stable")]])
+            state = estimator.kalman_filter.state[0]
+            assert begin_s * 1e6 <= state["reset_us"] < begin_s * 1e6 + 100_000
+            assert abs(state["t_us"] - data.t_us[-1]) < 10_000
+
+
+@pytest.mark.parametrize("drive", ["laboratory", "production"])
+def test_no_fault_is_seen_where_there_is_none(clean, drive):
+    """On the paper's drive with a torque that is 5 % wrong and 10 ms late, less than one row in a hundred."""
+    flags = np.uint32(0)
+    for flag in FLAGS.values():
+        flags |= np.uint32(int(flag))
+    assert np.mean((clean[drive]["status"] & flags) != 0) < 0.01
 
 
 def test_the_2014_observer_has_no_uncertainty(drives):
@@ -171,6 +282,43 @@ def test_the_2014_observer_has_no_uncertainty(drives):
     rows = Estimator(replace(LABORATORY_SETTINGS, method=Method.OH2014)).feed(drives["laboratory"]).rows
     for name in (*SIGMAS, "clutch_correlation"):
         assert (rows[name] == 0.0).all()
+
+
+def test_innovations_are_counted_through_restarts():
+    """Every speed that came while the filter ran was taken or refused; a gap and a spoiled state lose nothing."""
+    ours = replace(HAND_MADE, method=Method.KALMAN)
+    speeds = (Q.ENGINE_SPEED, Q.SHAFT1_SPEED, Q.SHAFT2_SPEED, Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FL)
+    estimator = Estimator(ours)
+    health = [estimator.feed(traffic(2.0, lambda t: cruise())).health]
+    estimator._kalman.state["x"][0, 3] = np.nan
+    health.append(estimator.feed(traffic(2.0, lambda t: cruise(), 2_000_000)).health)
+    health.append(estimator.feed(traffic(2.0, lambda t: cruise(slip=90.0), 9_000_000)).health)
+    rows = np.concatenate(health)
+    last = estimator.health[0]
+    assert (last["numeric_resets"], last["gap_resets"]) == (1, 1)
+    missed = last["accepted"][list(speeds)] - last["innovations"] - last["innovations_rejected"]
+    assert (missed >= 0).all()
+    assert (missed <= 3).all()  # the first of both starts, and the frame that found the state spoiled
+    for name in ("innovations", "innovation_squares", "innovations_rejected"):
+        assert (np.diff(rows[name].astype(float), axis=0) >= 0).all()
+        assert np.isfinite(rows[name].astype(float)).all()
+    assert (
+        not Estimator(replace(ours, method=Method.OH2014))
+        .feed(traffic(2.0, lambda t: cruise()))
+        .health["innovations"]
+        .any()
+    )
+
+
+def test_the_mean_of_a_period_is_a_difference_of_two_records(drives):
+    """1 kHz signals of known white noise: the engine's NIS is near one in every period once the car moves."""
+    estimator = Estimator(LABORATORY_SETTINGS)
+    rows = estimator.feed(drives["laboratory"]).health
+    period_us = LABORATORY_SETTINGS.health_period_us
+    assert len(rows) == pytest.approx(16e6 / period_us, abs=2)
+    n, squares = np.diff(rows["innovations"][:, 0]), np.diff(rows["innovation_squares"][:, 0])
+    assert n == pytest.approx(period_us / 1000, abs=1)
+    assert (squares / n)[1:] == pytest.approx(1.0, abs=6 * np.sqrt(2 / n[0]))
 
 
 def test_odd_values_stay_finite():

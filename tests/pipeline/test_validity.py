@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dctorque_can.estimators.design import RoadLoad, SubObserver
+from dctorque_can.estimators.design import Method, RoadLoad, SubObserver
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import SampleStatus
@@ -268,6 +268,20 @@ def test_a_state_that_is_no_number_restarts():
         (80.0, READY | VALID),
         (1002.5, READY | VALID | LEARNED),
     ]
+
+
+@pytest.mark.parametrize("state", ["x", "P"])
+def test_a_filter_that_is_no_number_restarts(state):
+    """So does the Kalman filter: no row of its torques, standard deviations or powers is spoiled."""
+    estimator = Estimator(replace(SETTINGS, method=Method.KALMAN))
+    estimator.feed(traffic(1.2, lambda t: cruise()))
+    estimator._kalman.state[state] = np.nan
+    rows = estimator.feed(traffic(1.2, lambda t: cruise(), 1_200_000)).rows
+    for name in rows.dtype.names:
+        assert np.isfinite(rows[name].astype(float)).all(), name
+    assert estimator.health["numeric_resets"][0] == 1
+    assert timeline(rows, 1_200_000)[0] == (0.0, KNOWN | S.INPUT_STALE)
+    assert rows["clutch1_torque_nm"][-1] == pytest.approx(60.0, abs=5.0)
 
 
 def test_any_time_is_survived():

@@ -96,6 +96,7 @@ def test_the_draws_have_the_distributions_that_were_asked_for(write_study) -> No
                 ".powertrain.ready_position_mm": 3.0,
             },
         ),
+        ("mass_factor", 1.25, {".vehicle.chassis.mass_kg": 2000.0}),
         ("payload_kg", 300.0, {".drive.payload_kg": 300.0}),
         ("tyre_radius_factor", 0.5, {".vehicle.chassis.wheel_radius_m": 0.156}),
         ("grade_offset_rad", 0.25, {".drive.grade_rad": ((0.0, 0.35),)}),

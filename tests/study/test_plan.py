@@ -7,6 +7,7 @@ import pytest
 from dctorque_can.config.problems import ConfigError
 from dctorque_can.errors import DctorqueError
 from dctorque_can.resources import find_study, shipped_config, shipped_studies
+from dctorque_can.study.code import EVERYTHING, SIMULATION, code
 from dctorque_can.study.factors import FACTORS
 from dctorque_can.study.plan import FactorSection, load_study
 
@@ -16,9 +17,26 @@ DOC = (Path(__file__).resolve().parents[2] / "docs" / "study.md").read_text()
 @pytest.mark.parametrize("path", shipped_studies(), ids=lambda path: path.stem)
 def test_shipped_studies_vary_everything(path: Path) -> None:
     study = load_study(path)
-    assert study.plan.runs == 200
-    assert set(study.vary) == set(FACTORS) - {"sensor_noise_factor"}  # it would repeat the three single ones
-    assert study.config.path.name == path.name
+    twice = {"sensor_noise_factor"}  # it would repeat the three single ones
+    if path.stem == "coverage":
+        assert study.plan.runs >= 50
+        assert set(study.vary) == set(FACTORS) - twice - {"payload_kg"}
+    else:
+        assert study.plan.runs == 200
+        assert set(study.vary) == set(FACTORS) - twice - {"mass_factor"}
+        assert study.config.path.name == path.name
+
+
+def test_keys_can_be_changed(write_study) -> None:
+    path = write_study()
+    plan = load_study(path, changes={"drive": "mixed", "duration_s": None, "runs": 9, "seed": 3}).plan
+    assert (plan.drive, plan.duration_s, plan.runs, plan.seed, plan.profile) == ("mixed", None, 9, 3, "production")
+    assert load_study(path, changes={"vehicle": "avante_dct7"}).config.name == "Avante DCT7"
+    with pytest.raises(ConfigError) as caught:
+        load_study(path, changes={"vehicle": "avante", "duration_s": 1.0})
+    told = {problem.file: problem.reason for problem in caught.value.problems}
+    assert "did you mean avante_dct7?" in told["--vehicle"]
+    assert "3" in told["--duration"]
 
 
 def test_names_are_found_as_those_of_vehicles_are(write_study, tmp_path: Path, monkeypatch) -> None:
@@ -93,6 +111,7 @@ def test_the_identity_is_what_the_runs_depend_on(write_study) -> None:
         identity(vehicle="avante_dct7"),
     ]
     assert len({str(one) for one in different}) == len(different)
+    assert identity()["code"] == code(EVERYTHING) != code(SIMULATION)
 
 
 def test_every_key_and_factor_is_documented() -> None:

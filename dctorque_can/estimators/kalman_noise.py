@@ -1,0 +1,90 @@
+"""How much the driveline may do until the next frame: process noise by clutch phase and by what has just happened.
+
+Rates of the fastest events, all the time, would make every band too wide. A clutch torque is lively while clutches
+slip or hand over, while the engine torque changes, and for some time after, as long as the driveline rings.
+Torques in N·m, times in s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators.kalman_model import DT_E, T_V, TH_D, W_E
+
+_OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
+_RECENT = 0.2  # s, over which a change is one that has just happened
+_LEAST_TYRE_TORQUE = 15.0  # N·m/√s
+_SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
+_DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
+
+
+@compiled_without_allocation
+def engine_variance(tuning: Any, T_en: float) -> float:
+    """Return the variance of the error that a lasting nominal engine torque has, (N·m)²."""
+    return float(tuning.engine_error**2 + (tuning.engine_share * T_en) ** 2)
+
+
+@compiled_without_allocation
+def decide_rates(f: Any, tuning: Any, phase_1: int, phase_2: int, seconds: float) -> None:
+    """Decide how fast both clutch torques may change, N·m/s; it rises at once and falls in the settling time."""
+    change = f.T_en - f.recent_torque
+    f.recent_torque += min(seconds / _RECENT, 1.0) * change
+    handover = phase_1 != _OPEN and phase_2 != _OPEN
+    keep = math.exp(-seconds / tuning.settling)
+    for i in range(2):
+        phase = phase_1 if i == 0 else phase_2
+        if f.gear[i] == 0:
+            f.torque_rate[i] = tuning.neutral_rate[i]
+        elif phase == _OPEN:
+            f.torque_rate[i] = tuning.rate[_OPEN]
+        else:
+            rate = max(tuning.steady_rate, min(abs(change) / _RECENT, tuning.rate[_LOCKED]))
+            if handover or phase == _SLIPPING:
+                rate = tuning.rate[_SLIPPING]
+            f.torque_rate[i] = max(rate, keep * f.torque_rate[i])
+
+
+@compiled_without_allocation
+def process_noise(
+    f: Any, tuning: Any, phase_1: int, phase_2: int, brakes: bool, stands: bool
+) -> tuple[float, float, float, float, float]:
+    """Return the factors of the five noises of `Tables`: variances of r_1 and r_2, T_x and T_v in (N·m)²/s, ΔT_e.
+
+    By the model the tyres follow the clutches through the gears; on top come a share of that rate,
+    and the driven wheels' brakes.
+    """
+    wheel_rate = synchroniser_rate = 0.0
+    for i in range(2):
+        if f.gear[i] == 0:
+            synchroniser_rate = max(synchroniser_rate, tuning.synchroniser_ratio[i] * f.torque_rate[i])
+        elif (phase_1 if i == 0 else phase_2) != _OPEN:
+            wheel_rate = max(wheel_rate, abs(tuning.ratio[i, f.gear[i] + 1]) * f.torque_rate[i])
+    load = tuning.held_load**2 if brakes or stands else tuning.road_load**2
+    tyre = (_DRIVEN_BRAKES * tuning.held_load) ** 2 if brakes else _LEAST_TYRE_TORQUE**2
+    own_rate = max(tuning.tyre_share * wheel_rate, _SYNCHRONISER_SHARE * synchroniser_rate)
+    tyre += 2.0 * tuning.rate_time * own_rate**2
+    return f.torque_rate[0] ** 2, f.torque_rate[1] ** 2, tyre, load, engine_variance(tuning, f.T_en)
+
+
+@compiled_without_allocation
+def admit_parameter_errors(f: Any, tuning: Any, seconds: float) -> None:
+    """Spread what wrong parameters would falsify: a wrong stiffness the twists, mass the load, inertia the engine.
+
+    A torque that changes by ΔT leaves a twist wrong by s ΔT/k if the stiffness is wrong by the share s, and so for
+    the others. The change is that of the last moments; a step of ΔT adds (s ΔT)² in all.
+    """
+    share = min(seconds / _RECENT, 1.0)
+    grow = 2.0 * share * tuning.parameter_error**2
+    change = f.T_o - f.recent_output
+    f.recent_output += share * change
+    f.P[T_V, T_V] += grow * change * change
+    change = tuning.J_e * f.rate[W_E] - f.recent_inertial
+    f.recent_inertial += share * change
+    f.P[DT_E, DT_E] += grow * change * change
+    for i in range(4):
+        change = f.x[TH_D + i] - f.recent_twist[i]
+        f.recent_twist[i] += share * change
+        f.P[TH_D + i, TH_D + i] += grow * change * change

@@ -1,0 +1,87 @@
+"""The numbers of the Kalman filter beside its discrete model: noises, rates, and what follows from the vehicle."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.estimators.design import KalmanDesign
+from dctorque_can.estimators.kalman_model import arms
+from dctorque_can.estimators.oh2014_model import MAX_GEAR
+
+OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
+GEARS = MAX_GEAR + 2  # places for gear numbers from −1
+
+TUNING = np.dtype(
+    [
+        ("rate", "f8", (3,)),  # N·m/s, largest standard deviation of a clutch torque's rate by `ClutchPhase`
+        ("steady_rate", "f8"),  # … of a locked clutch while nothing happens
+        ("rate_time", "f8"),  # s, for how long a rate lasts
+        ("settling", "f8"),  # s, in which a rate falls back to the steady one
+        ("neutral", "f8", (2,)),  # N·m, of a synchroniser's torque on each shaft
+        ("neutral_rate", "f8", (2,)),  # N·m/s
+        ("tyre_share", "f8"),  # of a clutch torque's rate at the wheel that the tyres' torque has on its own
+        ("road_load", "f8"),  # N·m/√s
+        ("held_load", "f8"),  # … while the car stands or brakes
+        ("open_torque", "f8"),  # N·m, of an open clutch around its drag
+        ("drag", "f8", (2,)),
+        ("engine_variance", "f8"),  # of one sample
+        ("shaft_variance", "f8"),
+        ("wheel_variance", "f8"),
+        ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
+        ("gate", "f8"),  # largest normalised innovation squared that is believed
+        ("patience_us", "i8"),  # … until one has not been for so long
+        ("engine_error", "f8"),  # N·m, at no torque
+        ("engine_share", "f8"),  # … and by how much it grows with the torque
+        ("engine_delay", "f8"),  # rad/s per N·m, what a change that comes late does to the engine speed
+        ("parameter_error", "f8"),  # relative, of mass, inertias and stiffnesses
+        ("J_e", "f8"),
+        ("ratio", "f8", (2, GEARS)),  # total, by shaft and gear number + 1
+        ("synchroniser_ratio", "f8", (2,)),  # mean of each shaft's gears
+        ("loss_span", "f8", (2, GEARS)),  # by how much the ratio of torques differs between driving and driven
+        ("transfer_twist", "f8", (2, GEARS)),  # rad in the transfer shaft per N·m of output torque
+        ("output_twist", "f8"),  # … in the output shaft
+    ],
+    align=True,
+)
+"""What the filter must know beside its tables."""
+
+
+def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
+    """Return the `TUNING` record ``[1]`` of a vehicle and a design."""
+    t = np.zeros(1, TUNING)
+    t["rate"] = (OPEN_RATE, design.slipping_torque_rate_nm_per_s, design.locked_torque_rate_nm_per_s)
+    t["steady_rate"] = design.steady_torque_rate_nm_per_s
+    t["rate_time"] = design.torque_rate_time_s
+    t["settling"] = design.settling_time_s
+    t["tyre_share"] = design.tyre_torque_share
+    t["road_load"] = design.road_load_rate_nm_per_sqrt_s
+    t["held_load"] = design.held_load_rate_nm_per_sqrt_s
+    t["open_torque"] = design.open_torque_nm
+    t["drag"] = [clutch.drag_nms_per_rad for clutch in vehicle.clutches]
+    t["engine_variance"] = design.engine_speed_noise_rad_s**2
+    t["shaft_variance"] = design.shaft_speed_noise_rad_s**2
+    t["wheel_variance"] = design.wheel_speed_noise_rad_s**2
+    t["gate"] = design.gate_sigma**2
+    t["patience_us"] = round(design.gate_patience_s * 1e6)
+    t["timing_error"] = design.timing_error_s
+    t["engine_error"] = design.engine_torque_error_nm
+    t["engine_share"] = design.engine_torque_error_share
+    t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
+    t["parameter_error"] = design.parameter_error_share
+    t["J_e"] = vehicle.engine_inertia_kgm2
+    for i in range(2):
+        t["synchroniser_ratio"][0, i] = np.mean([abs(gear.total_ratio) for gear in vehicle.gears_on(i + 1)])
+    t["output_twist"] = 1.0 / vehicle.output_shaft.stiffness_nm_per_rad
+    for i, shaft in enumerate(vehicle.shafts):
+        for gear in vehicle.gears_on(i + 1):
+            place = 0, i, gear.number + 1
+            in_driving, out_driving = arms(vehicle, gear, True)
+            in_driven, out_driven = arms(vehicle, gear, False)
+            t["ratio"][place] = gear.total_ratio
+            t["loss_span"][place] = out_driven / in_driven - out_driving / in_driving
+            t["transfer_twist"][place] = 1.0 / (out_driving * shaft.transfer_stiffness_nm_per_rad)
+    t["neutral"] = [design.synchroniser_rad_s2 * vehicle.shaft_inertia_kgm2(i) for i in (1, 2)]
+    t["neutral_rate"] = t["neutral"] / design.torque_rate_time_s
+    return t

@@ -1,0 +1,135 @@
+"""A whole recording smoothed: forwards in segments, and back over them from the last to the first.
+
+Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment
+once more from its snapshot with the filter's tape on, and the smoother follows the tape (`estimators.smoother`).
+So only one segment at a time has a tape, and nothing depends on how long a segment is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.errors import DctorqueError
+from dctorque_can.estimators import smoother, tape
+from dctorque_can.estimators.design import Method
+from dctorque_can.pipeline.estimates import ESTIMATE, Estimates, Status
+from dctorque_can.pipeline.estimator import Estimator, Snapshot
+from dctorque_can.pipeline.samples import Samples
+from dctorque_can.pipeline.settings import Settings
+
+SEGMENT = 1024  # samples; their tape fits but for odd traffic, and then the segment is halved
+_TORQUES = ("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm")
+_SIGMAS = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm")
+_VALID = int(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID)
+_LIMITED = int(Status.LIMITED)
+
+
+class Smoother:
+    """An `Estimator` that can be asked, after all samples were fed, what all of them say of every moment.
+
+    Memory grows with the recording: 19 bytes per sample and a snapshot of 7 kB for each segment or call of `feed`,
+    whichever is shorter.
+
+    Args:
+        settings: vehicle, inputs and design.
+        segment: how many samples have a tape at one time; the result does not depend on it.
+
+    Raises:
+        DctorqueError: the method is not the Kalman filter; and those of `Estimator`.
+    """
+
+    def __init__(self, settings: Settings, segment: int = SEGMENT) -> None:
+        if settings.method is not Method.KALMAN:
+            raise DctorqueError(
+                f"estimator.method: {settings.method.name.lower()} cannot be smoothed: it has no covariances; use "
+                "kalman (in the vehicle file, or --set estimator.method=kalman)"
+            )
+        self._estimator = Estimator(settings)
+        self._length = segment
+        self._segments: list[tuple[Snapshot, Samples]] = []
+        self._rows = 0  # given so far
+
+    @property
+    def health(self) -> NDArray[np.void]:
+        """`HEALTH` ``[1]``: the counters at the time of the last frame."""
+        return self._estimator.health
+
+    def feed(self, samples: Samples) -> Estimates:
+        """Take samples in order of arrival and return the estimates that became due, as `Estimator.feed` does."""
+        found = []
+        for first in range(0, len(samples), self._length):
+            segment = samples[first : first + self._length]
+            self._segments.append((self._estimator.snapshot(), segment))
+            found.append(self._estimator.feed(segment))
+        self._rows += sum(len(estimates) for estimates in found)
+        if not found:
+            return self._estimator.feed(samples)
+        return Estimates(np.concatenate([e.rows for e in found]), np.concatenate([e.health for e in found]))
+
+    def smoothed(self, progress: Callable[[float], None] = lambda fraction: None) -> NDArray[np.void]:
+        """Return `ESTIMATE` ``[n]``: all rows that `feed` gave, with smoothed torques, sigmas and correlation.
+
+        Everything else in a row, its status too, is as the estimator gave it online; but a smoothed torque that
+        had to be limited says so.
+        """
+        end = self._estimator.snapshot()
+        adjoint = np.zeros(1, smoother.ADJOINT)
+        rows = np.zeros(self._rows, ESTIMATE)
+        rest = len(rows)
+        for n, (before, samples) in enumerate(reversed(self._segments)):
+            self._estimator.restore(before)
+            found = self._go_back(samples, adjoint)
+            rows[rest - len(found) : rest] = found
+            rest -= len(found)
+            progress((n + 1) / len(self._segments))
+        self._estimator.restore(end)
+        tape.rewind(self._tape, on=False)
+        return rows
+
+    @property
+    def _tape(self) -> NDArray[np.void]:
+        found: NDArray[np.void] = self._estimator.kalman_filter.state["tape"]
+        return found
+
+    def _go_back(self, samples: Samples, adjoint: NDArray[np.void]) -> NDArray[np.void]:
+        """Return the smoothed rows of the next ``samples``; carry the adjoint from their end to their beginning.
+
+        What has no room on the tape is done in halves.
+        """
+        before = self._estimator.snapshot()
+        tape.rewind(self._tape, on=True)
+        rows = self._estimator.feed(samples).rows
+        if self._tape["full"][0]:
+            if len(samples) == 1:
+                raise RuntimeError("what one sample does has no room on the tape: make it longer")
+            half = len(samples) // 2
+            parts = [samples[a:b] for a, b in pairwise((0, half, len(samples)))]
+            self._estimator.restore(before)
+            tape.rewind(self._tape, on=False)
+            self._estimator.feed(parts[0])
+            late = self._go_back(parts[1], adjoint)
+            self._estimator.restore(before)
+            return np.concatenate([self._go_back(parts[0], adjoint), late])
+        found = np.zeros(len(rows), smoother.SMOOTHED)
+        k = self._estimator.kalman_filter
+        smoother.go_back(k.state, k.tables, adjoint, found)
+        _replace(rows, found, self._estimator.torque_limits)
+        return rows
+
+
+def _replace(rows: NDArray[np.void], smoothed: NDArray[np.void], limits: NDArray[np.float64]) -> None:
+    """Put smoothed values into rows, within ±limits; those that are no numbers leave their row as it is."""
+    good = np.isfinite(smoothed["torque"]).all(axis=1)
+    torque = np.clip(smoothed["torque"], -limits, limits)
+    sigma = np.minimum(smoothed["sigma"], limits)
+    for n, (name, sigma_name) in enumerate(zip(_TORQUES, _SIGMAS, strict=True)):
+        rows[name][good] = torque[good, n]
+        rows[sigma_name][good] = sigma[good, n]
+    rows["clutch_torque_sum_nm"][good] = torque[good, 0] + torque[good, 1]
+    rows["clutch_correlation"][good] = smoothed["correlation"][good]
+    limited = good & (torque != smoothed["torque"]).any(axis=1)
+    rows["status"][limited] = (rows["status"][limited] & ~np.uint32(_VALID)) | _LIMITED
