@@ -99,8 +99,9 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
 def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float) -> bool:
     """Return whether a value is repeated although the shaft turns faster or slower, or far too often.
 
+    Either only while other signals change: where all are constant, it is they that are made so.
     How often a sound sensor repeats itself while it turns, by its resolution or as its message is the faster, is
-    learned; that many repetitions in a row must be less likely than `_CHANCE`, while other signals change.
+    learned; that many repetitions in a row must be less likely than `_CHANCE`.
 
     Signals are the engine, both shafts, and the wheels FL, FR, RL, RR.
     """
@@ -118,7 +119,7 @@ def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float
     moved = f.x[i] - f.repeat_from[signal]
     S = f.P[i, i] + variance + (tuning.timing_error * f.rate[i]) ** 2
     likely = max(f.repeat_share[signal], _LEAST_SHARE) ** f.repeats[signal]
-    return bool(moved * moved > _MOVED * _MOVED * S or (likely < _CHANCE and others_change(f, signal)))
+    return (moved * moved > _MOVED * _MOVED * S or likely < _CHANCE) and others_change(f, signal)
 
 
 @compiled_without_allocation

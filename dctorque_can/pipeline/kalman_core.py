@@ -152,7 +152,8 @@ def measure_speed(
     """Take a speed that is new; say when it has been missing or is stuck."""
     z = core.value[quantity]
     if core.fresh[quantity]:
-        if kalman_faults.is_stuck(f, tuning, sensor, state, z, variance):
+        stuck = kalman_faults.is_stuck(f, tuning, sensor, state, z, variance)
+        if stuck and not free:  # in neutral a shaft may keep its speed whatever is predicted
             kalman_faults.leave_out(f, sensor, _STUCK)
             f.beyond[sensor] += 1
         else:

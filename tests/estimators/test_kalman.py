@@ -195,16 +195,32 @@ def stuck(k, values, state=State.W_E, signal=0):
     ]
 
 
+def among_others(k, values):
+    """The same while both shafts change."""
+    found = []
+    for value in values:
+        k.state[0]["t_us"] += 1
+        for signal, state in ((1, State.W_C1), (2, State.W_C2)):
+            stuck(k, [100.0 + 0.001 * float(k.state[0]["t_us"])], state, signal)
+        found += stuck(k, [value])
+    return found
+
+
 def test_stuck_is_what_the_shaft_has_left(tables):
     """A repeated value is stuck once the prediction has moved by 4 σ, and no longer when it changes."""
     k = new_filter(tables)
     f = k.state[0]
     f["P"][State.W_E, State.W_E] = 0.01  # with the sensor's own 0.01: σ is 0.14
-    assert stuck(k, [200.0, 200.0]) == [False, False]
+    assert among_others(k, [200.0, 200.0]) == [False, False]
     f["x"][State.W_E] = 200.5
-    assert stuck(k, [200.0]) == [False]
+    assert among_others(k, [200.0]) == [False]
     f["x"][State.W_E] = 200.6
-    assert stuck(k, [200.0, 200.1]) == [True, False]
+    assert stuck(k, [200.0]) == [True]
+    assert among_others(k, [200.0, 200.1]) == [True, False]
+    alone = new_filter(tables)
+    stuck(alone, [200.0, 200.0])
+    alone.state[0]["x"][State.W_E] = 250.0
+    assert stuck(alone, [200.0]) == [False]  # where all is constant nothing is
 
 
 def test_stuck_is_what_repeats_itself_more_than_it_does_otherwise(tables):
@@ -212,15 +228,6 @@ def test_stuck_is_what_repeats_itself_more_than_it_does_otherwise(tables):
 
     That is so while others change. At rest a speed of zero says nothing, nor does one when all are constant.
     """
-
-    def among_others(k, values):
-        found = []
-        for n, value in enumerate(values):
-            stuck(k, [100.0 + 0.001 * n], State.W_C1, 1)
-            stuck(k, [90.0 + 0.001 * n], State.W_C2, 2)
-            found += stuck(k, [value])
-        return found
-
     fresh = new_filter(tables)
     assert among_others(fresh, [200.0] * 21) == [False] * 20 + [True]
     busy = new_filter(tables)
