@@ -54,6 +54,11 @@ class Clutch:
     drag_nms_per_rad: float  # viscous drag of the open clutch
     thermal: Thermal | None = None  # no temperature is estimated without
 
+    @property
+    def static_capacity_nm(self) -> float:
+        """Largest torque that it holds without slip, N·m."""
+        return self.surfaces * self.friction_static * self.effective_radius_m * self.max_normal_force_n
+
 
 @dataclass(frozen=True, slots=True)
 class Damper:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Clutch, Gear, Vehicle
+from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Gear, Vehicle
 
 LAUNCH_ENGINE_SPEED = 150.0  # rad/s, 1430 rpm
 LAUNCH_VEHICLE_SPEED = 1.0  # m/s
@@ -78,11 +78,7 @@ def driving_conditions(vehicle: Vehicle, g1: int, g2: int) -> tuple[DrivingCondi
 
 def full_engine_torque(vehicle: Vehicle) -> float:
     """Return the full engine torque that the clutches were made for, N·m."""
-    return ENGINE_LOAD * min(_static_capacity(clutch) for clutch in vehicle.clutches)
-
-
-def _static_capacity(clutch: Clutch) -> float:
-    return clutch.surfaces * clutch.friction_static * clutch.effective_radius_m * clutch.max_normal_force_n
+    return ENGINE_LOAD * min(clutch.static_capacity_nm for clutch in vehicle.clutches)
 
 
 def _road_load(vehicle: Vehicle, w_w: float) -> float:

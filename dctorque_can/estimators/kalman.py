@@ -72,6 +72,8 @@ FILTER = np.dtype(
         ("fault", "u1", (_SIGNALS,)),  # `kalman_faults.SensorFault`
         ("fault_us", "i8", (_SIGNALS,)),  # since when
         ("rejected", "i8", (_SENSORS,)),  # measurements in a row that were not believed
+        ("accepted", "f8", (_SENSORS,)),  # last measurement that was believed, and its time
+        ("accepted_us", "i8", (_SENSORS,)),
         ("last", "f8", (_SPEEDS,)),  # last measurement, wheels apart
         ("repeats", "i8", (_SPEEDS,)),  # for how many measurements it has been the very same
         ("repeat_from", "f8", (_SPEEDS,)),  # … and what was predicted for the first repetition
@@ -152,6 +154,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
         f.rate[i] = 0.0
     for i in range(_SENSORS):
         f.rejected[i] = 0
+        f.accepted[i] = math.nan
     for i in range(_SPEEDS):
         f.repeats[i] = 0
         f.last[i], f.repeat_share[i] = math.nan, 0.5

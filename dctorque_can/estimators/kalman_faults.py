@@ -45,12 +45,12 @@ _MOTION = 3  # measurements that must lie on one line to be a motion
 
 
 @compiled_without_allocation
-def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: float, free: bool) -> None:
+def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: float, fastest: float) -> None:
     """Take a speed z of x_i unless its sensor is at fault.
 
-    Beyond the gate it is one, unless the last measurements move smoothly (something moves the shaft that the model
-    does not know of), others are beyond it too, or it has lasted for the patience of the gate: then the state is
-    opened to them.
+    Beyond the gate it is, or further from the last one that was taken than the shaft can get, unless the last ones
+    move smoothly (something moves the shaft that the model does not know of), others are beyond it too,
+    or it has lasted for the patience of the gate: then the state is opened to them.
 
     Args:
         f: `kalman.FILTER`.
@@ -59,21 +59,21 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
         i: state.
         z: measurement, rad/s.
         variance: of it, (rad/s)².
-        free: a synchroniser may do anything to the shaft.
+        fastest: acceleration that the shaft can have, rad/s²; infinite while a synchroniser may do anything to it.
     """
     e = z - f.x[i]
     variance += (tuning.timing_error * f.rate[i]) ** 2
     S = f.P[i, i] + variance
-    if free and e * e > tuning.gate * S:
-        f.fault[sensor] = f.rejected[sensor] = 0
+    beyond = not e * e <= tuning.gate * S  # also when it is no number
+    if beyond and math.isinf(fastest):
         f.P[i, i] += e * e
-        measure(f, i, z, variance)
+        take(f, sensor, i, z, variance)
         return
-    if e * e <= tuning.gate * S:
-        f.fault[sensor] = f.rejected[sensor] = 0
+    reach = fastest * (f.t_us - f.accepted_us[sensor]) * 1e-6 + math.sqrt(2.0 * tuning.gate * variance)
+    if not beyond and not abs(z - f.accepted[sensor]) > reach:  # before the first there is none to compare with
         f.taken[sensor] += 1
         f.squares[sensor] += e * e / S
-        measure(f, i, z, variance)
+        take(f, sensor, i, z, variance)
         return
     f.rejected[sensor] += 1
     f.beyond[sensor] += 1
@@ -91,8 +91,15 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
             blame(f, sensor, _SPIKE)
             return
     surprise(f, tuning, sensor, i, e)
-    measure(f, i, z, variance)
+    take(f, sensor, i, z, variance)
+
+
+@compiled_without_allocation
+def take(f: Any, sensor: int, i: int, z: float, variance: float) -> None:
+    """Take a measurement that is believed."""
     f.fault[sensor] = f.rejected[sensor] = 0
+    f.accepted[sensor], f.accepted_us[sensor] = z, f.t_us
+    measure(f, i, z, variance)
 
 
 @compiled_without_allocation

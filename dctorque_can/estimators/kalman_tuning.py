@@ -37,6 +37,7 @@ TUNING = np.dtype(
         ("engine_delay", "f8"),  # rad/s per N·m, what a change that comes late does to the engine speed
         ("parameter_error", "f8"),  # relative, of mass, inertias and stiffnesses
         ("J_e", "f8"),
+        ("fastest_engine", "f8"),  # rad/s², both clutches at their capacity
         ("ratio", "f8", (2, GEARS)),  # total, by shaft and gear number + 1
         ("synchroniser_ratio", "f8", (2,)),  # mean of each shaft's gears
         ("loss_span", "f8", (2, GEARS)),  # by how much the ratio of torques differs between driving and driven
@@ -71,6 +72,9 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
     t["parameter_error"] = design.parameter_error_share
     t["J_e"] = vehicle.engine_inertia_kgm2
+    t["fastest_engine"] = (
+        sum(clutch.static_capacity_nm for clutch in vehicle.clutches) / vehicle.engine_inertia_kgm2
+    )
     for i in range(2):
         t["synchroniser_ratio"][0, i] = np.mean([abs(gear.total_ratio) for gear in vehicle.gears_on(i + 1)])
     t["output_twist"] = 1.0 / vehicle.output_shaft.stiffness_nm_per_rad

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.driveline.gear_pair import singular_pairs
-from dctorque_can.driveline.parameters import Clutch, Vehicle
+from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phase_decision import closing_band
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import kalman, oh2014, oh2014_model
@@ -169,7 +169,7 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     r["slip_locked"] = phases.slip_locked_rad_s
     r["slip_released"] = phases.slip_released_rad_s
     r["lock_time_us"] = phases.lock_time_us
-    limits = [CAPACITY_MARGIN * _static_capacity(clutch) for clutch in settings.vehicle.clutches]
+    limits = [CAPACITY_MARGIN * clutch.static_capacity_nm for clutch in settings.vehicle.clutches]
     r["torque_limit"] = limits
     r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
     for i, thermal in enumerate(clutch.thermal for clutch in settings.vehicle.clutches):
@@ -182,11 +182,6 @@ def _rules(settings: Settings) -> NDArray[np.void]:
     r["sub_observer"] = design.sub_observer
     r["learns"] = design.road_load is RoadLoad.LEARNED
     return rules
-
-
-def _static_capacity(clutch: Clutch) -> float:
-    """Return the largest static torque capacity, N·m."""
-    return clutch.surfaces * clutch.friction_static * clutch.effective_radius_m * clutch.max_normal_force_n
 
 
 def _refuse_singular_pairs(vehicle: Vehicle) -> None:

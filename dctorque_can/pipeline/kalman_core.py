@@ -26,6 +26,7 @@ from dctorque_can.pipeline.decisions import (
 from dctorque_can.pipeline.settings import DrivenAxle
 
 BRIDGED_US = 500_000  # for so long the model stands in for an input that is missing
+FASTEST_WHEEL = 200.0  # rad/s² of the driven wheels on ice, or locked by brakes
 SLIP_VARIANCE = 0.25  # (rad/s)², of driven wheels against the body
 SAME_TIME_US = 25_000  # apart, two wheels of an axle can still be compared
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
@@ -108,11 +109,12 @@ def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     take_torque(core, f, tuning, (f.t_us - before_us) * 1e-6)
     kalman_gearbox.change_gears(f, tuning, core.gear[0], core.gear[1])
     kalman_gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
-    measure_speed(core, rules, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.engine_variance, False)
+    measure_speed(
+        core, rules, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.engine_variance, tuning.fastest_engine
+    )
     for i in range(2):
-        measure_speed(
-            core, rules, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, tuning.shaft_variance, core.gear[i] == 0
-        )
+        fastest = FASTEST_WHEEL * abs(tuning.ratio[i, core.gear[i] + 1]) if core.gear[i] != 0 else math.inf
+        measure_speed(core, rules, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, tuning.shaft_variance, fastest)
     rear = rules.driven_axle == DrivenAxle.REAR
     measure_axle(core, f, tuning, WHEEL, not rear, _UNDRIVEN if rear else _DRIVEN)
     measure_axle(
@@ -147,17 +149,25 @@ def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
 
 @compiled_without_allocation
 def measure_speed(
-    core: Any, rules: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int, variance: float, free: bool
+    core: Any,
+    rules: Any,
+    f: Any,
+    tuning: Any,
+    quantity: int,
+    sensor: int,
+    state: int,
+    variance: float,
+    fastest: float,
 ) -> None:
     """Take a speed that is new; say when it has been missing or is stuck."""
     z = core.value[quantity]
     if core.fresh[quantity]:
         stuck = kalman_faults.is_stuck(f, tuning, sensor, state, z, variance)
-        if stuck and not free:  # in neutral a shaft may keep its speed whatever is predicted
+        if stuck and not math.isinf(fastest):  # in neutral a shaft may keep its speed whatever is predicted
             kalman_faults.leave_out(f, sensor, _STUCK)
             f.beyond[sensor] += 1
         else:
-            kalman_faults.measure_gated(f, tuning, sensor, state, z, variance, free)
+            kalman_faults.measure_gated(f, tuning, sensor, state, z, variance, fastest)
     elif core.stale[quantity] and rules.mapped[quantity]:
         kalman_faults.leave_out(f, sensor, _MISSING)
 
@@ -169,10 +179,9 @@ def stand_in_for_undriven(core: Any, rules: Any, f: Any) -> None:
     rolls = usable(core, undriven) or usable(core, undriven + 1)
     if rolls and rules.driven_axle != DrivenAxle.ALL:
         return
-    for quantity in range(WHEEL, WHEEL + 4):
-        if core.fresh[quantity]:
-            kalman.measure(f, W_B, f.x[W_W], SLIP_VARIANCE)
-            return
+    _, _, _, speed, fresh = wheel_speeds(core, rules)
+    if fresh:
+        kalman.measure(f, W_B, speed, SLIP_VARIANCE)
 
 
 @compiled_without_allocation
@@ -189,7 +198,7 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
     there_l, there_r = bool(core.fresh[left]), bool(core.fresh[left + 1])
     if not there_l and not there_r:
         if core.stale[left] or core.stale[left + 1]:
-            kalman_faults.blame(f, sensor, _MISSING)
+            kalman_faults.leave_out(f, sensor, _MISSING)
         return
     w_l, w_r, fault = core.value[left], core.value[left + 1], 0
     signal, variance = _SHAFT + 2 + left - WHEEL, tuning.wheel_variance
@@ -206,13 +215,14 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
         fault = _MISSING
     usual = 0.5 * f.spread[axle] if f.spread_known[axle] else 0.0
     if not there_l and not there_r:
+        f.rejected[sensor] = 0  # of the mean
         f.beyond[sensor] += 1
     elif there_l and there_r:
-        kalman_faults.measure_gated(f, tuning, sensor, state, 0.5 * (w_l + w_r), 0.5 * variance, False)
+        kalman_faults.measure_gated(f, tuning, sensor, state, 0.5 * (w_l + w_r), 0.5 * variance, FASTEST_WHEEL)
     elif there_l:
-        kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance, False)
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance, FASTEST_WHEEL)
     else:
-        kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance, False)
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance, FASTEST_WHEEL)
     if fault != 0:
         kalman_faults.blame(f, sensor, fault)
 

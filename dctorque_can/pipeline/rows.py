@@ -33,37 +33,41 @@ _SENSORS = len(SENSORS)
 
 
 @compiled_without_allocation
-def judge(core: Any, rules: Any, limited: bool) -> int:
-    """Return the `Status` bits of an estimate."""
-    adaptive = rules.sub_observer == SubObserver.ADAPTIVE
-    settled = core.running and core.t_us - core.reset_us >= rules.settling_us
-    learned = core.running and core.learned_us >= rules.learning_us
-    gears_known = core.gear_known[0] and core.gear_known[1]
-    phases_known = core.closed_known[0] and core.closed_known[1]
-    fits = core.implausible_us == NEVER
-    # two clutches are told apart by the output torque, and that stands on the road load
-    output_known = (learned or not rules.learns) and not braking(core)
+def judge_inputs(core: Any, running: bool, settled: bool, limited: bool) -> int:
+    """Return the `Status` bits that do not depend on the method."""
     status = 0
-    if gears_known:
+    if core.gear_known[0] and core.gear_known[1]:
         status |= _GEARS_KNOWN
-    if phases_known:
+    if core.closed_known[0] and core.closed_known[1]:
         status |= _PHASES_KNOWN
     if settled:
         status |= _CONVERGED
-    if learned:
-        status |= _ROAD_LOAD_LEARNED
-    if not core.running or any_stale(core):
+    if not running or any_stale(core):
         status |= _INPUT_STALE
     if limited:
         status |= _LIMITED
-    if not fits and core.t_us - core.implausible_us >= IMPLAUSIBLE_TIME_US:
+    if core.implausible_us != NEVER and core.t_us - core.implausible_us >= IMPLAUSIBLE_TIME_US:
         status |= _SPEED_IMPLAUSIBLE
-    if settled and fits and gears_known and not limited:
-        if adaptive:
-            if learned or not rules.learns:
-                status |= _OUTPUT_VALID
-        elif phases_known and (output_known or not core.apart):
-            status |= _ALL_VALID
+    return status
+
+
+@compiled_without_allocation
+def judge(core: Any, rules: Any, limited: bool) -> int:
+    """Return the `Status` bits of an estimate of the 2014 observer."""
+    settled = core.running and core.t_us - core.reset_us >= rules.settling_us
+    learned = core.running and core.learned_us >= rules.learning_us
+    status = judge_inputs(core, core.running, settled, limited)
+    if learned:
+        status |= _ROAD_LOAD_LEARNED
+    if not settled or core.implausible_us != NEVER or limited or not status & _GEARS_KNOWN:
+        return status
+    # two clutches are told apart by the output torque, and that stands on the road load
+    output_known = (learned or not rules.learns) and not braking(core)
+    if rules.sub_observer == SubObserver.ADAPTIVE:
+        if learned or not rules.learns:
+            status |= _OUTPUT_VALID
+    elif status & _PHASES_KNOWN and (output_known or not core.apart):
+        status |= _ALL_VALID
     return status
 
 
@@ -71,34 +75,22 @@ def judge(core: Any, rules: Any, limited: bool) -> int:
 def judge_kalman(core: Any, rules: Any, f: Any, limited: bool) -> int:
     """Return the `Status` bits of a row of the Kalman filter: a torque is valid if it is known well enough."""
     settled = f.running and core.t_us - f.reset_us >= rules.settling_us
-    gears_known = core.gear_known[0] and core.gear_known[1]
-    phases_known = core.closed_known[0] and core.closed_known[1]
-    fits = core.implausible_us == NEVER
-    status = 0
-    if gears_known:
-        status |= _GEARS_KNOWN
-    if phases_known:
-        status |= _PHASES_KNOWN
-    if settled:
-        status |= _CONVERGED
-        if f.P[T_V, T_V] <= (_VALID_OUTPUT_SHARE * rules.output_limit) ** 2:
-            status |= _ROAD_LOAD_LEARNED
-    if not f.running or any_stale(core):
-        status |= _INPUT_STALE
-    if limited:
-        status |= _LIMITED
-    if not fits and core.t_us - core.implausible_us >= IMPLAUSIBLE_TIME_US:
-        status |= _SPEED_IMPLAUSIBLE
+    status = judge_inputs(core, f.running, settled, limited)
     for signal in range(len(f.fault)):
         if f.fault[signal] != 0:
             status |= _FIRST_FAULT << signal
-    if settled and fits and gears_known and phases_known and not limited:
-        if f.sigma_1 <= _VALID_SHARE * rules.torque_limit[0]:
-            status |= _CLUTCH1_VALID
-        if f.sigma_2 <= _VALID_SHARE * rules.torque_limit[1]:
-            status |= _CLUTCH2_VALID
-        if f.sigma_o <= _VALID_OUTPUT_SHARE * rules.output_limit:
-            status |= _OUTPUT_VALID
+    if settled and f.P[T_V, T_V] <= (_VALID_OUTPUT_SHARE * rules.output_limit) ** 2:
+        status |= _ROAD_LOAD_LEARNED
+    if not settled or core.implausible_us != NEVER or limited or not status & _GEARS_KNOWN:
+        return status
+    if not status & _PHASES_KNOWN:
+        return status
+    if f.sigma_1 <= _VALID_SHARE * rules.torque_limit[0]:
+        status |= _CLUTCH1_VALID
+    if f.sigma_2 <= _VALID_SHARE * rules.torque_limit[1]:
+        status |= _CLUTCH2_VALID
+    if f.sigma_o <= _VALID_OUTPUT_SHARE * rules.output_limit:
+        status |= _OUTPUT_VALID
     return status
 
 

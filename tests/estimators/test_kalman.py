@@ -115,7 +115,7 @@ def test_consistent_on_data_of_its_own_model(tables):
             predict(k, 4000 * (n + 1))
             for sensor, state in enumerate(SPEEDS):
                 z = x[state] + noise[sensor] * random.standard_normal()
-                kalman_faults.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2, False)
+                kalman_faults.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2, 1e9)
         squares += f["squares"]
         error = x - f["x"]
         torques = [State.T_C1, State.T_C2]
@@ -130,13 +130,13 @@ def test_consistent_on_data_of_its_own_model(tables):
         assert chi2.ppf(0.0005, freedom) < total < chi2.ppf(0.9995, freedom)
 
 
-def take(k, sensor, values, variance=0.01, free=False):
+def take(k, sensor, values, variance=0.01, fastest=1e5):
     """Measurements every 10 ms of a shaft that keeps its speed; returns the faults, and what the state became."""
     f, state = k.state[0], SPEEDS[sensor]
     faults = []
     for value in values:
         f["t_us"] += 10_000
-        kalman_faults.measure_gated(f, k.tuning[0], sensor, state, value, variance, free)
+        kalman_faults.measure_gated(f, k.tuning[0], sensor, state, value, variance, fastest)
         faults.append(SensorFault(int(f["fault"][sensor])))
     return faults, float(f["x"][state])
 
@@ -180,10 +180,22 @@ def test_a_motion_that_the_model_does_not_expect_is_taken(tables):
     assert f["P"][State.DT_E, State.DT_E] > doubt + 100.0**2
 
 
+def test_no_shaft_jumps_however_wide_the_gate_is(tables):
+    """500 rad/s² is 5 rad/s in 10 ms, and 0.7 rad/s are left for noise: 5 σ of a difference of two."""
+    k = new_filter(tables)
+    f = k.state[0]
+    take(k, 0, [200.0], fastest=500.0)
+    for value, fault in ((206.0, SensorFault.SPIKE), (205.5, SensorFault.NONE)):
+        f["rejected"][0] = f["fault"][0] = 0
+        f["t_us"] = f["accepted_us"][0]
+        f["P"][State.W_E, State.W_E] = 100.0**2
+        assert take(k, 0, [value], fastest=500.0)[0] == [fault]
+
+
 def test_a_synchroniser_may_do_anything(tables):
     """What jumps while its shaft is in neutral is taken at once."""
     k = new_filter(tables)
-    faults, after = take(k, 1, [400.0], free=True)
+    faults, after = take(k, 1, [400.0], fastest=np.inf)
     assert faults == [SensorFault.NONE]
     assert after == pytest.approx(400.0, abs=0.1)
 
@@ -261,7 +273,7 @@ def test_a_frame_that_is_late_says_less(tables):
     f = k.state[0]
     f["rate"][State.W_E] = 300.0
     x, P = dense_update(f["x"].copy(), f["P"].copy(), np.eye(N)[State.W_E], 201.0, 0.1**2 + 0.3**2)
-    kalman_faults.measure_gated(f, k.tuning[0], 0, State.W_E, 201.0, 0.1**2, False)
+    kalman_faults.measure_gated(f, k.tuning[0], 0, State.W_E, 201.0, 0.1**2, 1e9)
     np.testing.assert_allclose(f["x"], x)
     np.testing.assert_allclose(f["P"], P, atol=1e-12)
 

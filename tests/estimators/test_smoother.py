@@ -253,7 +253,7 @@ def test_whatever_the_filter_does_is_undone(tables):
     speeds()
     estimate()
     z = float(f["x"][S.W_C2]) + 2000.0  # as large as the wide gate of these tests asks for
-    kalman_faults.measure_gated(f, tuning, 2, S.W_C2, z, 0.01, True)
+    kalman_faults.measure_gated(f, tuning, 2, S.W_C2, z, 0.01, np.inf)
     dense.P[S.W_C2, S.W_C2] += (z - dense.x[S.W_C2]) ** 2
     dense.measure(S.W_C2, z, 0.01)
     estimate()

@@ -176,9 +176,10 @@ def with_fault(data, quantities, fault):
 def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signal):
     """200 ms in the middle of a shift: no divergence, the flag names it, 300 ms later all is nearly as without.
 
-    What is left is within 3.5 of the filter's own σ (a moment without a sensor changes what is learned of the
-    engine torque). A torque that stays the same cannot be told from one that does so; nor can both wheels of the
-    driven axle on the slow bus, whose prediction is uncertain in a shift. Wheels go stale after 200 ms only.
+    On production CAN what is left is within two of the filter's own σ; on the 1 kHz signals, whose σ is smaller,
+    within 3.5, since a moment without a sensor changes what is learned of the engine torque. A torque that sticks
+    cannot be told from one that stays the same; nor can both wheels of the driven axle on the slow bus, whose
+    prediction is uncertain in a shift. Wheels go stale after 200 ms only.
     """
     settings = LABORATORY_SETTINGS if drive == "laboratory" else PRODUCTION_SETTINGS
     estimator = Estimator(settings)
@@ -186,10 +187,13 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
     assert estimator.health["numeric_resets"][0] == 0
     during = (rows["t_us"] >= SHIFT_US) & (rows["t_us"] < SHIFT_US + FAULT_US)
     late = rows["t_us"] > SHIFT_US + FAULT_US + RECOVERY_US
-    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (150.0, 150.0, 600.0), (6.0, 8.0, 120.0), strict=True):
+    left = 3.5 if drive == "laboratory" else 2.0
+    if (signal, fault) == ("driven wheels", "stuck"):  # not found on the slow bus
+        left = max(left, 2.5)
+    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (90.0, 90.0, 500.0), (6.0, 8.0, 120.0), strict=True):
         difference = np.abs(rows[torque] - good[torque])
         assert difference[during].max() <= bound
-        assert (difference[late] <= np.maximum(rest, 3.5 * good[sigma][late])).all()
+        assert (difference[late] <= np.maximum(rest, left * good[sigma][late])).all()
     unnamed = {
         ("missing", "driven wheels"),
         ("missing", "undriven wheels"),
@@ -341,3 +345,15 @@ def test_odd_values_stay_finite():
     for name in (*TORQUES, *SIGMAS, "clutch_correlation"):
         assert np.isfinite(estimates[name]).all()
     assert (np.abs(estimates["clutch_correlation"]) <= 1.0).all()
+
+
+@pytest.mark.parametrize("signal", ["engine speed", "shaft 1", "shaft 2", "driven wheels", "undriven wheels"])
+@pytest.mark.parametrize("at_s", [2.5, 6.15], ids=["launch", "shift"])
+def test_a_spike_is_not_believed(drives, clean, signal, at_s):
+    """50 rad/s on one frame of production CAN moves no torque by more than 1.5 of its own σ."""
+    data, good = drives["production"], clean["production"]
+    hit = np.isin(data.quantity, SIGNALS[signal]) & (data.t_us >= at_s * 1e6)
+    hit &= data.t_us == data.t_us[hit][0]
+    struck = Estimator(PRODUCTION_SETTINGS).feed(replace(data, value=data.value + 50.0 * hit)).rows
+    for torque, sigma in zip(TORQUES, SIGMAS, strict=True):
+        assert (np.abs(struck[torque] - good[torque]) <= 1.5 * good[sigma] + 0.5).all()
