@@ -162,6 +162,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "maximum": entry.input.maximum,
         "period_ms": max(periods) if periods else None,
         "timeout_ms": entry.input.timeout_us / 1000,
+        "delay_ms": entry.input.delay_us / 1000,
         "protection": kinds,
         "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else LOST[name],
     }
@@ -207,7 +208,7 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
         "to SI": "\n".join(map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])),
         "range (SI)": _range(row["minimum"], row["maximum"]),
         "period": f"{row['period_ms']:g} ms" if row["period_ms"] else "?",
-        "timeout": f"{row['timeout_ms']:g} ms",
+        "timeout": f"{row['timeout_ms']:g} ms" + (f"\nlate {row['delay_ms']:g} ms" if row["delay_ms"] else ""),
         "protection": "\n".join(row["protection"]),
         "while missing": row["lost"],
     }

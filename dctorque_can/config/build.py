@@ -142,7 +142,7 @@ def _gear_source(
             shaft = 1 if at[-1] == "shaft1" else 2
             quantity = Quantity.GEAR1 if shaft == 1 else Quantity.GEAR2
             values = {raw: float(gear) for raw, gear in part.values.items()}
-            builder.add_mapped(at, quantity, part.signal, values, part.timeout_ms)
+            builder.add_mapped(at, quantity, part, values)
             for doubt in gear_map_doubts(at, shaft, part, gears, complete):
                 document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
     return None
@@ -182,9 +182,7 @@ def _clutch_input(builder: InputBuilder, path: KeyPath, index: int, section: obj
         builder.add(path, Quantity(Quantity.CLUTCH1_COMMAND + index), section)
     elif isinstance(section, FlagSection):
         values = {raw: float(state == "open") for raw, state in section.values.items()}
-        builder.add_mapped(
-            path, Quantity(Quantity.CLUTCH1_OPEN + index), section.signal, values, section.timeout_ms
-        )
+        builder.add_mapped(path, Quantity(Quantity.CLUTCH1_OPEN + index), section, values)
 
 
 def _actuation(section: PositionSection | FlagSection | CommandSection) -> ClutchActuation:

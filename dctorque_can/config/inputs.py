@@ -11,7 +11,13 @@ from dctorque_can.bus.problems import input_problems
 from dctorque_can.config.document import Document
 from dctorque_can.config.problems import KeyPath, dotted
 from dctorque_can.config.section import Section, nearest
-from dctorque_can.config.signals import InputSection, ProtectionSection, TermSection
+from dctorque_can.config.signals import (
+    FlagSection,
+    GearSignalSection,
+    InputSection,
+    ProtectionSection,
+    TermSection,
+)
 from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit
 from dctorque_can.pipeline.samples import Input, Protection, Quantity, Term
 
@@ -143,19 +149,26 @@ class InputBuilder:
             units.append(unit)
             factors.append(factor)
         lowest, highest = self._range(path, section, quantity, factors)
-        self._append(path, Input(quantity, tuple(terms), lowest, highest, _us(section.timeout_ms)), units)
+        timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
+        self._append(path, Input(quantity, tuple(terms), lowest, highest, timeout, delay), units)
 
     def add_mapped(
-        self, path: KeyPath, quantity: Quantity, name: str, values: Mapping[int | str, float], timeout_ms: float
+        self,
+        path: KeyPath,
+        quantity: Quantity,
+        section: GearSignalSection | FlagSection,
+        values: Mapping[int | str, float],
     ) -> None:
         """Add one signal whose raw values mean something else (a gear, a flag)."""
+        name = section.signal
         message, signal = name.split(".")
         known = {
             raw: value for key, value in values.items() for raw in self._raw((*path, "values", key), name, key)
         }
         term = Term(message, signal, values=known)
         lowest, highest = min(values.values()), max(values.values())
-        self._append(path, Input(quantity, (term,), float(lowest), float(highest), _us(timeout_ms)), [""])
+        timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
+        self._append(path, Input(quantity, (term,), float(lowest), float(highest), timeout, delay), [""])
 
     def protect(self, path: KeyPath, message: str, section: ProtectionSection) -> Protection:
         """Return the protection of one message."""

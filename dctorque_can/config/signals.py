@@ -34,6 +34,7 @@ def _gear(value: Any) -> Any:
 SignalName = Annotated[str, AfterValidator(_signal_name)]
 RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
 TimeoutMs = Annotated[float, Field(gt=0, le=60_000)]
+DelayMs = Annotated[float, Field(ge=0, le=200)]
 DEFAULT_TIMEOUT_MS = 100.0
 
 
@@ -80,6 +81,8 @@ class InputSection(Section):
     """[lowest, highest] plausible value in the input's unit; default: the plausible range of the quantity."""
     timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
     """Age at which the input is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
     @model_validator(mode="before")
     @classmethod
@@ -131,6 +134,8 @@ class GearSignalSection(Section):
     """Raw value, or name of the DBC's value table, to gear: a number, neutral or reverse; others: no value."""
     timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
     """Age at which the gear is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
 class FlagSection(Section):
@@ -142,6 +147,8 @@ class FlagSection(Section):
     """Raw value, or name of the DBC's value table, to open or closed; others: no value."""
     timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
     """Age at which the flag is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
 class PositionSection(InputSection):

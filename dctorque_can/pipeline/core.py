@@ -17,7 +17,7 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman, kalman_gearbox, oh2014, oh2014_model, tape
 from dctorque_can.estimators.design import Method
 from dctorque_can.estimators.kalman import Kalman
-from dctorque_can.pipeline import derived
+from dctorque_can.pipeline import delays, derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
     ENGINE_SPEED,
@@ -32,6 +32,7 @@ from dctorque_can.pipeline.decisions import (
     wheels_in_use,
 )
 from dctorque_can.pipeline.kalman_core import act_kalman, engine_speed, kalman_finite, stand_in_for_shafts
+from dctorque_can.pipeline.parts import Parts
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
 
@@ -182,22 +183,27 @@ def all_finite(s: Any) -> bool:
 
 
 @compiled_without_allocation
-def is_due(core: Any, last_us: int, period_us: int) -> bool:
-    """Return whether another period has begun since ``last_us``."""
+def is_due(core: Any, t_us: int, last_us: int, period_us: int) -> bool:
+    """Return whether another period has begun at ``t_us`` since ``last_us``."""
     if last_us == NEVER:
         return True
-    return bool((core.t_us - core.origin_us) // period_us != (last_us - core.origin_us) // period_us)
+    return bool((t_us - core.origin_us) // period_us != (last_us - core.origin_us) // period_us)
 
 
 @compiled_without_allocation
-def take_value(core: Any, health: Any, quantity: int, value: float, status: int) -> None:
-    """Keep a usable value; only count another one, whose input then ages until its timeout."""
+def keep_value(core: Any, quantity: int, value: float) -> None:
+    """Keep a usable value until the frame takes effect."""
+    core.value[quantity] = value
+    core.seen_us[quantity] = core.t_us
+    core.available[quantity] = True
+    core.stale[quantity] = False
+    core.fresh[quantity] = True
+
+
+@compiled_without_allocation
+def count_sample(health: Any, quantity: int, status: int) -> None:
+    """Count a sample; the input of one that is not usable ages until its timeout."""
     if status == SampleStatus.OK:
-        core.value[quantity] = value
-        core.seen_us[quantity] = core.t_us
-        core.available[quantity] = True
-        core.stale[quantity] = False
-        core.fresh[quantity] = True
         health.accepted[quantity] += 1
     elif status == SampleStatus.NOT_AVAILABLE:
         health.not_available[quantity] += 1
@@ -209,24 +215,6 @@ def take_value(core: Any, health: Any, quantity: int, value: float, status: int)
         health.bad_crc[quantity] += 1
     else:
         health.bad_counter[quantity] += 1
-
-
-@compiled_without_allocation
-def take_time(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, f: Any, t_us: int) -> None:
-    """Advance to the time of a sample; a gap or a step back of the clock starts anew there, and is counted."""
-    if core.t_us == NEVER:
-        core.t_us = core.origin_us = t_us
-    elif t_us < core.t_us:
-        if core.t_us - t_us > rules.max_step_back_us:
-            health.clock_resets += 1
-            forget(core, f, t_us)
-        else:
-            health.late_frames += 1
-    elif t_us - core.t_us > rules.max_gap_us:
-        health.gap_resets += 1
-        forget(core, f, t_us)
-    else:
-        advance(core, rules, s, c, pair, t_us)
 
 
 @compiled_without_allocation
@@ -249,27 +237,112 @@ def forget(core: Any, f: Any, t_us: int) -> None:
 
 
 @compiled_without_allocation
+def judge_time(core: Any, rules: Any, health: Any, f: Any, last_us: int, t_us: int) -> bool:
+    """Return whether a frame follows the last one; a gap or a step back of the clock starts anew at it."""
+    if last_us == NEVER:
+        core.t_us = core.origin_us = t_us
+        return False
+    if t_us < last_us:
+        if last_us - t_us <= rules.max_step_back_us:
+            health.late_frames += 1
+            return True
+        health.clock_resets += 1
+    elif t_us - last_us <= rules.max_gap_us:
+        return True
+    else:
+        health.gap_resets += 1
+    forget(core, f, t_us)
+    return False
+
+
+@compiled_without_allocation
+def begin_frame(p: Parts, rules: Any, c: Any, queue: Any, t_us: int) -> None:
+    """Go to the time of a new frame; what waits until its delay has passed takes effect."""
+    core = p.core[0]
+    if rules.longest_delay_us == 0:
+        if judge_time(core, rules, p.health[0], p.kalman.state[0], core.t_us, t_us):
+            advance(core, rules, p.state[0], c, p.pair[0], t_us)
+        return
+    if not judge_time(core, rules, p.health[0], p.kalman.state[0], queue.arrived_us, t_us):
+        core.t_us = t_us - rules.longest_delay_us
+        queue.count = 0
+        queue.arrived_us = t_us
+    delays.note_frame(queue, t_us)
+    while queue.count > 0 and delays.waiting(queue, 0).t_us < queue.arrived_us - rules.longest_delay_us:
+        take_oldest(p, rules, c, queue)
+
+
+@compiled_without_allocation
+def take_oldest(p: Parts, rules: Any, c: Any, queue: Any) -> None:
+    """Let the oldest samples that wait take effect for good."""
+    take_waiting(p, rules, c, delays.waiting(queue, 0))
+    delays.drop_oldest(queue)
+
+
+@compiled_without_allocation
+def take_waiting(p: Parts, rules: Any, c: Any, samples: Any) -> None:
+    """Let samples take effect at the time at which they were taken."""
+    core = p.core[0]
+    advance(core, rules, p.state[0], c, p.pair[0], samples.t_us)
+    for quantity in range(N_QUANTITIES):
+        if samples.there[quantity]:
+            keep_value(core, quantity, samples.value[quantity])
+    take_effect(p, rules, c)
+
+
+@compiled_without_allocation
+def look_ahead(p: Parts, ahead: Parts, rules: Any, c: Any, queue: Any) -> None:
+    """Make ``ahead`` what the estimator will be when all that waits has taken effect, at the present."""
+    delays.copy(p, ahead)
+    for n in range(queue.count):
+        take_waiting(ahead, rules, c, delays.waiting(queue, n))
+    core = ahead.core[0]
+    if core.t_us < queue.arrived_us:
+        advance(core, rules, ahead.state[0], c, ahead.pair[0], queue.arrived_us)
+        take_effect(ahead, rules, c)
+
+
+@compiled_without_allocation
+def take_effect(p: Parts, rules: Any, c: Any) -> None:
+    """Let all values that were kept act; a state that is no number any more starts anew."""
+    core, s, f, k = p.core[0], p.state[0], p.kalman.state[0], p.kalman
+    act(core, rules, s, c, p.pair[0], p.health[0], k)
+    for quantity in range(N_QUANTITIES):
+        core.fresh[quantity] = False
+    if not all_finite(s) or (rules.method == Method.KALMAN and not kalman_finite(f)):
+        core.running = False
+        core.learned_us = 0
+        p.health[0].numeric_resets += 1
+        oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
+        kalman.start(f, k.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
+        if rules.method == Method.KALMAN:  # what is published next must be a number again
+            kalman_gearbox.conclude(f, k.tables, k.tuning[0])
+        f.running = False
+    derived.follow(core, rules, s, f, p.derived[0])
+
+
+@compiled_without_allocation
 def run(
     t_us: NDArray[np.int64],
     quantities: NDArray[np.uint8],
     values: NDArray[np.float64],
     statuses: NDArray[np.uint8],
     lasts: NDArray[np.bool_],
-    cores: NDArray[np.void],
+    wanted: NDArray[np.bool_],
     rule: NDArray[np.void],
-    states: NDArray[np.void],
     constants: NDArray[np.void],
-    pairs: NDArray[np.void],
-    healths: NDArray[np.void],
+    now: Parts,
+    ahead: Parts,
+    queues: NDArray[np.void],
     rows: NDArray[np.void],
     health_rows: NDArray[np.void],
-    kalman_filter: Kalman,
-    deriveds: NDArray[np.void],
 ) -> tuple[int, int]:
-    """Feed samples; return how many estimates and health rows were written."""
-    core, rules, s = cores[0], rule[0], states[0]
-    c, pair, health = constants[0], pairs[0], healths[0]
-    f, d = kalman_filter.state[0], deriveds[0]
+    """Feed samples; return how many estimates and health rows were written.
+
+    Where ``wanted`` is not empty, it tells after which samples an estimate is written, instead of the period.
+    """
+    rules, c, queue = rule[0], constants[0], queues[0]
+    core, health = now.core[0], now.health[0]
     n_rows = n_health = 0
     for k in range(len(t_us)):
         quantity = int(quantities[k])
@@ -279,32 +352,41 @@ def run(
                 status = _OUT_OF_RANGE
             if (status == SampleStatus.OK or status == SampleStatus.NOT_AVAILABLE) and not core.frame_ok:
                 # the frame itself is sound, so its time counts even if it brings no value
-                take_time(core, rules, s, c, pair, health, f, min(max(t_us[k], -LATEST_US), LATEST_US))
+                begin_frame(now, rules, c, queue, min(max(t_us[k], -LATEST_US), LATEST_US))
                 core.frame_ok = True
-            take_value(core, health, quantity, values[k], status)
-        if not lasts[k] or not core.frame_ok:
+            count_sample(health, quantity, status)
+            if status == SampleStatus.OK and rules.longest_delay_us == 0:
+                keep_value(core, quantity, values[k])
+            elif status == SampleStatus.OK:
+                if queue.count == delays.PLACES:
+                    take_oldest(now, rules, c, queue)
+                delays.place(queue, queue.frame_us - rules.delay_us[quantity], quantity, values[k])
+        sound = lasts[k] and core.frame_ok
+        if sound:
+            core.frame_ok = False
+            if rules.longest_delay_us == 0:
+                take_effect(now, rules, c)
+        present_us = core.t_us if rules.longest_delay_us == 0 else queue.arrived_us
+        estimate_due = sound and is_due(core, present_us, core.estimate_us, rules.estimate_period_us)
+        if len(wanted) > 0:
+            estimate_due = wanted[k]
+        health_due = sound and is_due(core, present_us, core.health_us, rules.health_period_us)
+        if not estimate_due and not health_due:
             continue
-        act(core, rules, s, c, pair, health, kalman_filter)
-        core.frame_ok = False
-        for q in range(N_QUANTITIES):
-            core.fresh[q] = False
-        if not all_finite(s) or (rules.method == Method.KALMAN and not kalman_finite(f)):
-            core.running = False
-            core.learned_us = 0
-            health.numeric_resets += 1
-            oh2014.reset(s, c, 0.0, 0.0, 0.0, 0.0)
-            kalman.start(f, kalman_filter.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
-            if rules.method == Method.KALMAN:  # what is published next must be a number again
-                kalman_gearbox.conclude(f, kalman_filter.tables, kalman_filter.tuning[0])
-            f.running = False
-        derived.follow(core, rules, s, f, d)
-        if is_due(core, core.estimate_us, rules.estimate_period_us):
-            core.estimate_us = core.t_us
-            publish(core, rules, s, c, pair, f, d, rows[n_rows])
-            tape.published(f, kalman_filter.tables, kalman_filter.tuning[0])
+        shown = now
+        if rules.longest_delay_us > 0:
+            look_ahead(now, ahead, rules, c, queue)
+            shown = ahead
+        f = shown.kalman.state[0]
+        if estimate_due:
+            core.estimate_us = present_us
+            row = rows[n_rows]
+            publish(shown.core[0], rules, shown.state[0], c, shown.pair[0], f, shown.derived[0], row)
+            core.status = shown.core[0].status
+            tape.published(f, shown.kalman.tables, shown.kalman.tuning[0])
             n_rows += 1
-        if is_due(core, core.health_us, rules.health_period_us):
-            core.health_us = core.t_us
-            report(core, health, f, health_rows[n_health])
+        if health_due:
+            core.health_us = present_us
+            report(shown.core[0], shown.health[0], f, health_rows[n_health])
             n_health += 1
     return n_rows, n_health

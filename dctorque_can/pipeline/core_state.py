@@ -14,6 +14,8 @@ RULES = np.dtype(
         ("minimum", "f8", (N_QUANTITIES,)),
         ("maximum", "f8", (N_QUANTITIES,)),
         ("timeout_us", "i8", (N_QUANTITIES,)),
+        ("delay_us", "i8", (N_QUANTITIES,)),
+        ("longest_delay_us", "i8"),
         ("mapped", "u1", (N_QUANTITIES,)),
         ("step_us", "i8"),
         ("estimate_period_us", "i8"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +12,7 @@ from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import kalman, oh2014, oh2014_model
 from dctorque_can.estimators.design import Method, RoadLoad
 from dctorque_can.estimators.kalman import Kalman
-from dctorque_can.estimators.tape import TAPE
-from dctorque_can.pipeline import core, core_state, derived
+from dctorque_can.pipeline import core, core_state, delays, parts
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.rows import report
 from dctorque_can.pipeline.samples import N_QUANTITIES, Samples
@@ -25,8 +22,9 @@ SETTLING = 5.0  # time constants of the slowest part before an estimate counts a
 CAPACITY_MARGIN = 1.5  # an estimate beyond this multiple of the static capacity is limited and marked
 WIDEST = 1e6  # no input of any kind can be larger, rad/s, N·m, …
 NO_HEALTH = np.zeros(0, HEALTH)
+BY_PERIOD = np.zeros(0, np.bool_)
 
-Snapshot = tuple[NDArray[Any], ...]
+Snapshot = NDArray[np.int64]
 """All that changes in an estimator while it is fed."""
 
 
@@ -46,58 +44,45 @@ class Estimator:
         _refuse_singular_pairs(settings.vehicle)
         self._rules = _rules(settings)
         self._constants = oh2014_model.constants(settings.vehicle, settings.observer)
-        self._core = np.zeros(1, core_state.CORE)
-        for name in (
-            "t_us",
-            "settled_us",
-            "estimate_us",
-            "health_us",
-            "implausible_us",
-            "seen_us",
-            "candidate_us",
-        ):
-            self._core[name] = core_state.NEVER
-        self._core["slip_small_us"] = core_state.NEVER
-        self._core["closed"] = True
-        self._state = np.zeros(1, oh2014.STATE)
-        self._pair = np.zeros(1, oh2014_model.PAIR)
-        self._kalman = kalman.new(
+        k = kalman.new(
             settings.vehicle, settings.kalman, oh2014_model.MAX_GEAR + 2, needed=settings.method is Method.KALMAN
         )
-        self._derived = derived.new(self._rules["coolant"][0])
-        self._health = np.zeros(1, HEALTH)
-        oh2014_model.set_pair(self._pair[0], self._constants[0], 0, 0)
-        # whatever `core.run` changes belongs here, or a recording cannot be smoothed
-        untaped = self._kalman.state.view(np.uint8)[: kalman.FILTER.itemsize - TAPE.itemsize]
-        self._changing: Snapshot = (self._core, self._state, self._pair, self._health, self._derived, untaped)
+        self._now = parts.new(k, self._rules["coolant"][0])
+        self._ahead = parts.new(k, self._rules["coolant"][0])
+        self._queue = delays.new()
+        oh2014_model.set_pair(self._now.pair[0], self._constants[0], 0, 0)
 
-    def feed(self, samples: Samples) -> Estimates:
-        """Take samples in order of arrival and return the estimates that became due."""
-        rows = np.zeros(int(np.count_nonzero(samples.last)), ESTIMATE)
-        health = np.zeros(len(rows), HEALTH)  # untouched rows cost no memory
+    def feed(self, samples: Samples, wanted: NDArray[np.bool_] = BY_PERIOD) -> Estimates:
+        """Take samples in order of arrival and return the estimates that became due.
+
+        Args:
+            samples: any number of them.
+            wanted: bool ``[n]``, after which samples an estimate is wanted; empty: as they become due.
+        """
+        rows = np.zeros(int(np.count_nonzero(wanted if len(wanted) else samples.last)), ESTIMATE)
+        # untouched rows cost no memory
+        health = np.zeros(int(np.count_nonzero(samples.last)), HEALTH)
         n_rows, n_health = core.run(
             samples.t_us,
             samples.quantity,
             samples.value,
             samples.status,
             samples.last,
-            self._core,
+            wanted,
             self._rules,
-            self._state,
             self._constants,
-            self._pair,
-            self._health,
+            self._now,
+            self._ahead,
+            self._queue,
             rows,
             health,
-            self._kalman,
-            self._derived,
         )
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 
     @property
     def kalman_filter(self) -> Kalman:
         """The filter, for its tape."""
-        return self._kalman
+        return self._now.kalman
 
     @property
     def torque_limits(self) -> NDArray[np.float64]:
@@ -105,19 +90,22 @@ class Estimator:
         return np.append(self._rules["torque_limit"][0], self._rules["output_limit"][0])
 
     def snapshot(self) -> Snapshot:
-        """Return a copy of all that changes in `feed`, but for the filter's tape."""
-        return tuple(part.copy() for part in self._changing)
+        """Return a copy of all that changes in `feed`, but for the filter's tape and samples that wait."""
+        return self._now.memory.copy()
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go back to a `snapshot` of this estimator; the filter's tape stays."""
-        for part, kept in zip(self._changing, snapshot, strict=True):
-            part[...] = kept
+        self._now.memory[:] = snapshot
 
     @property
     def health(self) -> NDArray[np.void]:
         """`HEALTH` ``[1]``: the counters at the time of the last frame."""
         row = np.zeros(1, HEALTH)
-        report(self._core[0], self._health[0], self._kalman.state[0], row[0])
+        shown = self._now
+        if self._rules["longest_delay_us"][0] > 0:
+            shown = self._ahead
+            core.look_ahead(self._now, shown, self._rules[0], self._constants[0], self._queue[0])
+        report(shown.core[0], shown.health[0], shown.kalman.state[0], row[0])
         return row
 
 
@@ -139,7 +127,9 @@ def _rules(settings: Settings) -> NDArray[np.void]:
         r["mapped"][item.quantity] = True
         r["minimum"][item.quantity] = max(item.minimum, -WIDEST)
         r["maximum"][item.quantity] = min(item.maximum, WIDEST)
-        r["timeout_us"][item.quantity] = item.timeout_us
+        r["timeout_us"][item.quantity] = item.timeout_us + item.delay_us  # counted from when it was taken
+        r["delay_us"][item.quantity] = item.delay_us
+    r["longest_delay_us"] = max((item.delay_us for item in settings.inputs), default=0)
     design, phases, inference = settings.observer, settings.phases, settings.gear_inference
     r["step_us"] = settings.step_us
     r["estimate_period_us"] = settings.estimate_period_us

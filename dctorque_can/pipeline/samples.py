@@ -108,7 +108,8 @@ class Input:
         terms: the signals to be summed, at least one.
         minimum: SI; a smaller sum is `SampleStatus.OUT_OF_RANGE`.
         maximum: SI; a larger sum is `SampleStatus.OUT_OF_RANGE`.
-        timeout_us: age at which the input is stale.
+        timeout_us: time since its last frame at which the input is stale.
+        delay_us: from when a sample is taken to the time of its frame.
     """
 
     quantity: Quantity
@@ -116,6 +117,7 @@ class Input:
     minimum: float
     maximum: float
     timeout_us: int
+    delay_us: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,12 +3,16 @@
 Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment
 once more from its snapshot with the filter's tape on, and the smoother follows the tape (`estimators.smoother`).
 So only one segment at a time has a tape, and nothing depends on how long a segment is.
+
+Samples that come late by a known delay are first put in the order in which they were taken (`arrivals`): a whole
+recording needs no queue. Estimates are still those of the times at which they were due online.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +20,9 @@ from numpy.typing import NDArray
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import smoother, tape
 from dctorque_can.estimators.design import Method
+from dctorque_can.pipeline.arrivals import Arrivals, without_delays
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates, Status
-from dctorque_can.pipeline.estimator import Estimator, Snapshot
+from dctorque_can.pipeline.estimator import BY_PERIOD, Estimator, Snapshot
 from dctorque_can.pipeline.samples import Samples
 from dctorque_can.pipeline.settings import Settings
 
@@ -26,6 +31,14 @@ _TORQUES = ("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm")
 _SIGMAS = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm")
 _VALID = int(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID)
 _LIMITED = int(Status.LIMITED)
+
+
+class _Segment(NamedTuple):
+    """Some samples, after which of them estimates are wanted, and the estimator before them."""
+
+    before: Snapshot
+    samples: Samples
+    wanted: NDArray[np.bool_]
 
 
 class Smoother:
@@ -48,9 +61,12 @@ class Smoother:
                 f"estimator.method: {settings.method.name.lower()} cannot be smoothed: it has no covariances; use "
                 "kalman (in the vehicle file, or --set estimator.method=kalman)"
             )
+        self._settings = settings
+        delayed = any(item.delay_us for item in settings.inputs)
+        self._arrivals = Arrivals(settings) if delayed else None
         self._estimator = Estimator(settings)
         self._length = segment
-        self._segments: list[tuple[Snapshot, Samples]] = []
+        self._segments: list[_Segment] = []
         self._rows = 0  # given so far
 
     @property
@@ -60,34 +76,52 @@ class Smoother:
 
     def feed(self, samples: Samples) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due, as `Estimator.feed` does."""
+        if self._arrivals is None:
+            found = self._feed(samples, BY_PERIOD)
+        else:
+            given = []
+            for part in self._arrivals.split(samples):
+                given.append(self._estimator.feed(part))
+                self._arrivals.add(part, given[-1].rows["t_us"])
+            found = joined(given)
+        self._rows += len(found)
+        return found
+
+    def _feed(self, samples: Samples, wanted: NDArray[np.bool_]) -> Estimates:
+        """Feed in segments, and keep them; ``wanted`` as in `Estimator.feed`."""
         found = []
         for first in range(0, len(samples), self._length):
-            segment = samples[first : first + self._length]
-            self._segments.append((self._estimator.snapshot(), segment))
-            found.append(self._estimator.feed(segment))
-        self._rows += sum(len(estimates) for estimates in found)
-        if not found:
-            return self._estimator.feed(samples)
-        return Estimates(np.concatenate([e.rows for e in found]), np.concatenate([e.health for e in found]))
+            part = slice(first, first + self._length)
+            segment = _Segment(self._estimator.snapshot(), samples[part], wanted[part])
+            self._segments.append(segment)
+            found.append(self._estimator.feed(segment.samples, segment.wanted))
+        return joined(found) if found else self._estimator.feed(samples)
 
     def smoothed(self, progress: Callable[[float], None] = lambda fraction: None) -> NDArray[np.void]:
         """Return `ESTIMATE` ``[n]``: all rows that `feed` gave, with smoothed torques, sigmas and correlation.
 
         Everything else in a row, its status too, is as the estimator gave it online; but a smoothed torque that
-        had to be limited says so.
+        had to be limited says so. With delays it is as the estimator would have given it if nothing came late.
         """
+        online = self._estimator
+        if self._arrivals is not None:
+            self._estimator = Estimator(without_delays(self._settings))
+            self._segments.clear()
+            for samples, wanted in self._arrivals.in_order():
+                self._feed(samples, wanted)
         end = self._estimator.snapshot()
         adjoint = np.zeros(1, smoother.ADJOINT)
         rows = np.zeros(self._rows, ESTIMATE)
         rest = len(rows)
-        for n, (before, samples) in enumerate(reversed(self._segments)):
-            self._estimator.restore(before)
-            found = self._go_back(samples, adjoint)
+        for n, segment in enumerate(reversed(self._segments)):
+            self._estimator.restore(segment.before)
+            found = self._go_back(segment.samples, segment.wanted, adjoint)
             rows[rest - len(found) : rest] = found
             rest -= len(found)
             progress((n + 1) / len(self._segments))
         self._estimator.restore(end)
         tape.rewind(self._tape, on=False)
+        self._estimator = online
         return rows
 
     @property
@@ -95,30 +129,35 @@ class Smoother:
         found: NDArray[np.void] = self._estimator.kalman_filter.state["tape"]
         return found
 
-    def _go_back(self, samples: Samples, adjoint: NDArray[np.void]) -> NDArray[np.void]:
+    def _go_back(self, samples: Samples, wanted: NDArray[np.bool_], adjoint: NDArray[np.void]) -> NDArray[np.void]:
         """Return the smoothed rows of the next ``samples``; carry the adjoint from their end to their beginning.
 
         What has no room on the tape is done in halves.
         """
         before = self._estimator.snapshot()
         tape.rewind(self._tape, on=True)
-        rows = self._estimator.feed(samples).rows
+        rows = self._estimator.feed(samples, wanted).rows
         if self._tape["full"][0]:
             if len(samples) == 1:
                 raise RuntimeError("what one sample does has no room on the tape: make it longer")
             half = len(samples) // 2
-            parts = [samples[a:b] for a, b in pairwise((0, half, len(samples)))]
+            first, second = (slice(a, b) for a, b in pairwise((0, half, len(samples))))
             self._estimator.restore(before)
             tape.rewind(self._tape, on=False)
-            self._estimator.feed(parts[0])
-            late = self._go_back(parts[1], adjoint)
+            self._estimator.feed(samples[first], wanted[first])
+            late = self._go_back(samples[second], wanted[second], adjoint)
             self._estimator.restore(before)
-            return np.concatenate([self._go_back(parts[0], adjoint), late])
+            return np.concatenate([self._go_back(samples[first], wanted[first], adjoint), late])
         found = np.zeros(len(rows), smoother.SMOOTHED)
         k = self._estimator.kalman_filter
         smoother.go_back(k.state, k.tables, adjoint, found)
         _replace(rows, found, self._estimator.torque_limits)
         return rows
+
+
+def joined(found: Sequence[Estimates]) -> Estimates:
+    """Return estimates one after the other; at least one."""
+    return Estimates(np.concatenate([e.rows for e in found]), np.concatenate([e.health for e in found]))
 
 
 def _replace(rows: NDArray[np.void], smoothed: NDArray[np.void], limits: NDArray[np.float64]) -> None:

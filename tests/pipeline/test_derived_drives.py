@@ -103,7 +103,7 @@ def test_the_slip_of_the_kalman_estimator_is_that_of_its_drums():
     estimator = Estimator(settings_of("paper_car", "production", Method.KALMAN))
     row = estimator.feed(samples[samples.t_us < 2_500_000]).rows[-1]
     assert row["t_us"] == samples.t_us[samples.t_us < 2_500_000][-1]
-    x = estimator._kalman.state["x"][0]
+    x = estimator.kalman_filter.state["x"][0]
     slip = x[State.W_D] - x[State.W_C1]
     assert slip > 50.0
     assert row["clutch1_power_w"] == pytest.approx(abs(row["clutch1_torque_nm"] * slip), rel=1e-12)

@@ -121,7 +121,7 @@ def test_covariance_stays_one(drives, drive):
     edges = np.linspace(0, len(data), 301).astype(int)
     for a, b in pairwise(edges):
         estimator.feed(data[a:b])
-        P = estimator._kalman.state["P"][0]
+        P = estimator.kalman_filter.state["P"][0]
         assert (P == P.T).all()
         size = np.sqrt(np.diag(P))
         assert (size > 0).all()
@@ -294,7 +294,7 @@ def test_innovations_are_counted_through_restarts():
     speeds = (Q.ENGINE_SPEED, Q.SHAFT1_SPEED, Q.SHAFT2_SPEED, Q.WHEEL_SPEED_FL, Q.WHEEL_SPEED_FL)
     estimator = Estimator(ours)
     health = [estimator.feed(traffic(2.0, lambda t: cruise())).health]
-    estimator._kalman.state["x"][0, 3] = np.nan
+    estimator.kalman_filter.state["x"][0, 3] = np.nan
     health.append(estimator.feed(traffic(2.0, lambda t: cruise(), 2_000_000)).health)
     health.append(estimator.feed(traffic(2.0, lambda t: cruise(slip=90.0), 9_000_000)).health)
     rows = np.concatenate(health)

@@ -257,7 +257,7 @@ def test_a_state_that_is_no_number_restarts():
     """A spoiled state is replaced within the same frame, counted once, and the drive goes on as from the start."""
     estimator = Estimator(SETTINGS)
     estimator.feed(traffic(1.2, lambda t: cruise()))
-    estimator._state["T_c"] = np.nan
+    estimator._now.state["T_c"] = np.nan
     rows = estimator.feed(traffic(1.2, lambda t: cruise(), 1_200_000)).rows
     for name in rows.dtype.names:
         assert np.isfinite(rows[name].astype(float)).all(), name
@@ -275,7 +275,7 @@ def test_a_filter_that_is_no_number_restarts(state):
     """So does the Kalman filter: no row of its torques, standard deviations or powers is spoiled."""
     estimator = Estimator(replace(SETTINGS, method=Method.KALMAN))
     estimator.feed(traffic(1.2, lambda t: cruise()))
-    estimator._kalman.state[state] = np.nan
+    estimator.kalman_filter.state[state] = np.nan
     rows = estimator.feed(traffic(1.2, lambda t: cruise(), 1_200_000)).rows
     for name in rows.dtype.names:
         assert np.isfinite(rows[name].astype(float)).all(), name

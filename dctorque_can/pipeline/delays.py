@@ -1,0 +1,112 @@
+"""Samples in the order in which they were taken: what the loop does when the age of some signals is known.
+
+The frame of a signal with a delay tells of an earlier time. Its sample waits in a queue, ordered by the time at
+which it was taken, until no older one can come any more; only then it takes effect for good. An estimate stands on
+a copy of that state, in which all that waits has taken effect too and which was carried on to the present: so each
+sample acts exactly once, at its own time, and none is left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.pipeline.core_state import NEVER
+from dctorque_can.pipeline.parts import Parts
+from dctorque_can.pipeline.samples import N_QUANTITIES
+
+PLACES = 1024  # so many may wait: 0.2 s of 5000 frames/s
+
+SAMPLES = np.dtype(
+    [
+        ("t_us", "i8"),  # when they were taken
+        ("frame", "i8"),  # by which they came
+        ("there", "u1", (N_QUANTITIES,)),
+        ("value", "f8", (N_QUANTITIES,)),
+    ],
+    align=True,
+)
+"""What one frame says of one time."""
+
+QUEUE = np.dtype(
+    [
+        ("arrived_us", "i8"),  # time of the latest frame; NEVER before the first
+        ("frame_us", "i8"),  # … of the frame at hand, which may be older
+        ("frame", "i8"),  # its number
+        ("first", "i8"),  # place of the oldest that waits
+        ("count", "i8"),
+        ("waiting", SAMPLES, (PLACES,)),  # in a ring
+    ],
+    align=True,
+)
+"""What waits, the oldest first."""
+
+
+def new() -> NDArray[np.void]:
+    """Return an empty `QUEUE` ``[1]``."""
+    queue = np.zeros(1, QUEUE)
+    queue["arrived_us"] = NEVER
+    return queue
+
+
+@compiled_without_allocation
+def note_frame(queue: Any, t_us: int) -> None:
+    """Note the time of a new frame."""
+    queue.frame_us = t_us
+    queue.frame += 1
+    queue.arrived_us = max(t_us, queue.arrived_us)
+
+
+@compiled_without_allocation
+def place(queue: Any, t_us: int, quantity: int, value: float) -> None:
+    """Put a value of the frame at hand among those that wait; there must be room.
+
+    It comes after all that were taken at the same time, beside those of the same frame.
+    """
+    n = queue.count
+    while n > 0 and queue.waiting[(queue.first + n - 1) % PLACES].t_us > t_us:
+        n -= 1
+    at = (queue.first + n - 1) % PLACES
+    if n == 0 or queue.waiting[at].t_us != t_us or queue.waiting[at].frame != queue.frame:
+        for m in range(queue.count, n, -1):
+            move(queue.waiting[(queue.first + m - 1) % PLACES], queue.waiting[(queue.first + m) % PLACES])
+        queue.count += 1
+        at = (queue.first + n) % PLACES
+        samples = queue.waiting[at]
+        samples.t_us, samples.frame = t_us, queue.frame
+        for q in range(N_QUANTITIES):
+            samples.there[q] = False
+    queue.waiting[at].there[quantity] = True
+    queue.waiting[at].value[quantity] = value
+
+
+@compiled_without_allocation
+def move(source: Any, target: Any) -> None:
+    """Copy one `SAMPLES`."""
+    target.t_us, target.frame = source.t_us, source.frame
+    for q in range(N_QUANTITIES):
+        target.there[q] = source.there[q]
+        target.value[q] = source.value[q]
+
+
+@compiled_without_allocation
+def waiting(queue: Any, n: int) -> Any:
+    """Return the n-th of those that wait, the oldest first."""
+    return queue.waiting[(queue.first + n) % PLACES]
+
+
+@compiled_without_allocation
+def drop_oldest(queue: Any) -> None:
+    """Take the oldest out."""
+    queue.first = (queue.first + 1) % PLACES
+    queue.count -= 1
+
+
+@compiled_without_allocation
+def copy(source: Parts, target: Parts) -> None:
+    """Make one estimator's state that of another; tapes stay."""
+    for i in range(len(source.memory)):
+        target.memory[i] = source.memory[i]
