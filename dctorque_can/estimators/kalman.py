@@ -45,6 +45,7 @@ from dctorque_can.estimators.kalman_noise import (
 
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
+_LONGEST_RAMP_US = 50_000
 _OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
 _SPEEDS = 7  # … with each wheel for itself
@@ -64,6 +65,7 @@ FILTER = np.dtype(
         ("recent_inertial", "f8"),
         ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
         ("T_en", "f8"),  # nominal engine torque of the last frame that had one
+        ("torque_us", "i8"),  # … and its time
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
         ("gear", "i8", (2,)),
         ("drives", "u1", (2,)),  # direction of the losses
@@ -162,7 +164,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(_SIGNALS):
         f.fault[i] = 0
     f.running = True
-    f.reset_us = f.t_us
+    f.reset_us = f.torque_us = f.t_us
 
 
 @compiled_without_allocation
@@ -170,7 +172,9 @@ def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
     """Take a new nominal engine torque: what has changed may be late, or not have happened."""
     f.P[DT_E, DT_E] += (tuning.engine_share * (T_en - f.T_en)) ** 2
     f.P[W_E, W_E] += (tuning.engine_delay * (T_en - f.T_en)) ** 2
-    f.T_en = T_en
+    held = min(f.t_us - f.torque_us, _LONGEST_RAMP_US) * 1e-6
+    f.x[W_E] += 0.5 * (T_en - f.T_en) * held / tuning.J_e
+    f.T_en, f.torque_us = T_en, f.t_us
 
 
 @compiled_without_allocation

@@ -12,12 +12,13 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman_model import DT_E, T_V, TH_D, W_E
+from dctorque_can.estimators.kalman_model import DT_E, T_V, TH_D, TH_O, W_B, W_E
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _RECENT = 0.2  # s, over which a change is one that has just happened
 _LEAST_TYRE_TORQUE = 15.0  # N·m/√s
 _SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
+_SLIDING_TIME = 2.0  # s
 _DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
 
 
@@ -84,6 +85,8 @@ def admit_parameter_errors(f: Any, tuning: Any, seconds: float) -> None:
     change = tuning.J_e * f.rate[W_E] - f.recent_inertial
     f.recent_inertial += share * change
     f.P[DT_E, DT_E] += grow * change * change
+    slide = tuning.timing_error * f.rate[W_B]
+    f.P[TH_O, TH_O] += 2.0 * _SLIDING_TIME * slide * slide * seconds
     for i in range(4):
         change = f.x[TH_D + i] - f.recent_twist[i]
         f.recent_twist[i] += share * change
