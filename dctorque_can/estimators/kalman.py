@@ -42,12 +42,12 @@ from dctorque_can.estimators.kalman_noise import (
     engine_variance,
     process_noise,
 )
+from dctorque_can.estimators.kalman_tuning import SPEEDS
 
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
 _OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
-_SPEEDS = 7  # … with each wheel for itself
 _SIGNALS = 6  # the sensors and the nominal engine torque
 
 FILTER = np.dtype(
@@ -74,10 +74,10 @@ FILTER = np.dtype(
         ("rejected", "i8", (_SENSORS,)),  # measurements in a row that were not believed
         ("accepted", "f8", (_SENSORS,)),  # last measurement that was believed, and its time
         ("accepted_us", "i8", (_SENSORS,)),
-        ("last", "f8", (_SPEEDS,)),  # last measurement, wheels apart
-        ("repeats", "i8", (_SPEEDS,)),  # for how many measurements it has been the very same
-        ("repeat_from", "f8", (_SPEEDS,)),  # … and what was predicted for the first repetition
-        ("repeat_share", "f8", (_SPEEDS,)),  # how often it repeats itself otherwise
+        ("last", "f8", (SPEEDS,)),  # last measurement, wheels apart
+        ("repeats", "i8", (SPEEDS,)),  # for how many measurements it has been the very same
+        ("repeat_from", "f8", (SPEEDS,)),  # … and what was predicted for the first repetition
+        ("repeat_share", "f8", (SPEEDS,)),  # how often it repeats itself otherwise
         ("spread", "f8", (2,)),  # rad/s, left less right wheel of the front and of the rear axle
         ("spread_known", "u1", (2,)),
         ("spread_us", "i8", (2,)),  # when it was last found as usual
@@ -155,7 +155,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(_SENSORS):
         f.rejected[i] = 0
         f.accepted[i] = math.nan
-    for i in range(_SPEEDS):
+    for i in range(SPEEDS):
         f.repeats[i] = 0
         f.last[i], f.repeat_share[i] = math.nan, 0.5
     f.spread_known[0] = f.spread_known[1] = False

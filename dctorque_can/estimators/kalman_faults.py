@@ -147,7 +147,8 @@ def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float)
     the odd one is the one that repeats itself, else the one further from the prediction; but what lasts for the
     patience of the gate, and can be on a road, is how the wheels differ now.
     """
-    usual = f.spread[axle]
+    usual, wheel = f.spread[axle], _FIRST_WHEEL + 2 * axle
+    variance = tuning.speed_variance[wheel] + tuning.speed_variance[wheel + 1]
     change = (left - right) - usual
     fast, slow = max(abs(left), abs(right)), min(abs(left), abs(right))
     possible = fast - slow <= _LARGEST_SPREAD * fast + _TURNS
@@ -157,11 +158,11 @@ def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float)
         return 0
     if not possible and slow <= _TURNS:  # dead, or its signal is
         return 1 if abs(left) < abs(right) else 2
-    if abs(change) <= _LARGEST_JUMP + math.sqrt(2.0 * tuning.gate * tuning.wheel_variance):
+    if abs(change) <= _LARGEST_JUMP + math.sqrt(tuning.gate * variance):
         f.spread[axle] += min((f.t_us - f.spread_us[axle]) * _SPREAD_PER_US, 1.0) * change
         f.spread_us[axle] = f.t_us
         return 0
-    repeats = f.repeats[_FIRST_WHEEL + 2 * axle] - f.repeats[_FIRST_WHEEL + 2 * axle + 1]
+    repeats = f.repeats[wheel] - f.repeats[wheel + 1]
     if abs(repeats) >= _TELLING_REPEATS:
         return 1 if repeats > 0 else 2
     return 1 if abs(left - 0.5 * usual - f.x[i]) > abs(right + 0.5 * usual - f.x[i]) else 2

@@ -65,6 +65,14 @@ def dense_update(x, P, H, z, R):
     return x + K * (z - H @ x), rest @ P @ rest.T + R * np.outer(K, K)
 
 
+def test_each_speed_has_its_noise_and_its_resolution():
+    resolutions = (0.0, 0.3, 0.6, 0.0, 0.06, 0.0, 0.0)
+    design = replace(DESIGN, speed_resolutions_rad_s=resolutions, shaft_speed_noise_rad_s=0.2)
+    variance = tuning_of(VEHICLE, replace(design, wheel_speed_noise_rad_s=0.01))["speed_variance"][0]
+    np.testing.assert_allclose(variance[1:], (0.0475, 0.07, 1e-4, 4e-4, 1e-4, 1e-4))
+    assert variance[0] == pytest.approx(design.engine_speed_noise_rad_s**2)
+
+
 def test_one_step_is_that_of_plain_matrices(tables):
     """5 ms are a step of 4 and one of 1 ms; then a speed and a difference of two are taken."""
     k = new_filter(tables)
