@@ -18,6 +18,7 @@ from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman_model, kalman_tuning, tape
 from dctorque_can.estimators.design import KalmanDesign
+from dctorque_can.estimators.kalman_learning import forget_noise
 from dctorque_can.estimators.kalman_model import (
     DT_E,
     R_1,
@@ -81,6 +82,8 @@ FILTER = np.dtype(
         ("spread", "f8", (2,)),  # rad/s, left less right wheel of the front and of the rear axle
         ("spread_known", "u1", (2,)),
         ("spread_us", "i8", (2,)),  # when it was last found as usual
+        ("noise_ratio", "f8", (_SENSORS,)),  # `kalman_learning`: true variance of a sample over the configured one
+        ("noise_samples", "f8", (_SENSORS,)),  # … and how many samples it was learned from
         ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
         ("taken", "i8", (_SENSORS,)),  # measurements within the gate, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
@@ -161,6 +164,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.spread_known[0] = f.spread_known[1] = False
     for i in range(_SIGNALS):
         f.fault[i] = 0
+    forget_noise(f)
     f.running = True
     f.reset_us = f.t_us
 

@@ -10,6 +10,7 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, oh2014
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.estimators.kalman_faults import SensorFault
+from dctorque_can.estimators.kalman_learning import noise_factor
 from dctorque_can.estimators.kalman_model import DT_E, W_B, W_C1, W_E, W_W, N
 from dctorque_can.estimators.kalman_noise import engine_variance
 from dctorque_can.pipeline.core_state import NEVER
@@ -150,7 +151,7 @@ def measure_speed(
     core: Any, rules: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int, fastest: float
 ) -> None:
     """Take a speed that is new; say when it has been missing or is stuck."""
-    z, variance = core.value[quantity], tuning.speed_variance[sensor]
+    z, variance = core.value[quantity], tuning.speed_variance[sensor] * noise_factor(f, sensor)
     if core.fresh[quantity]:
         stuck = kalman_faults.is_stuck(f, tuning, sensor, state, z, variance)
         if stuck and not math.isinf(fastest):  # in neutral a shaft may keep its speed whatever is predicted
@@ -192,13 +193,14 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
         return
     w_l, w_r, fault = core.value[left], core.value[left + 1], 0
     signal = _SHAFT + 2 + left - WHEEL
-    variance_l, variance_r = tuning.speed_variance[signal], tuning.speed_variance[signal + 1]
+    factor = noise_factor(f, sensor)
+    variance_l, variance_r = factor * tuning.speed_variance[signal], factor * tuning.speed_variance[signal + 1]
     if there_l and kalman_faults.is_stuck(f, tuning, signal, state, w_l, variance_l):
         there_l, fault = False, _STUCK
     if there_r and kalman_faults.is_stuck(f, tuning, signal + 1, state, w_r, variance_r):
         there_r, fault = False, _STUCK
     if fault == 0 and ((there_l and there_r) or near_in_time(core, left)):
-        odd = kalman_faults.odd_wheel(f, tuning, axle, state, w_l, w_r)
+        odd = kalman_faults.odd_wheel(f, tuning, axle, state, w_l, w_r, variance_l + variance_r)
         there_l, there_r = there_l and odd != 1, there_r and odd != 2
         if odd != 0:
             fault = _SPIKE

@@ -107,7 +107,7 @@ def test_consistent_on_data_of_its_own_model(tables):
     The limits enclose 99.9 %; the torques' errors are counted once a drive, since they are correlated in time.
     """
     random = np.random.default_rng(11)
-    noise = np.array([DESIGN.engine_speed_noise_rad_s, 0.3, 0.3, 0.02, 0.02])
+    noise = np.array([0.3, 0.3, 0.3, 0.02, 0.02])
     step = STEPS_US.index(4000)
     runs, samples = 30, 100
     squares, nees_torques, nees_all = np.zeros(5), 0.0, 0.0
@@ -264,7 +264,7 @@ def test_the_odd_wheel_is_told(tables):
 
     def odd(left, right):
         f["t_us"] += 10_000
-        return kalman_faults.odd_wheel(f, k.tuning[0], 0, State.W_W, left, right)
+        return kalman_faults.odd_wheel(f, k.tuning[0], 0, State.W_W, left, right, 0.001)
 
     assert [odd(10.25, 9.75) for _ in range(3)] == [0, 0, 0]
     assert odd(12.25, 9.75) == 1
