@@ -208,28 +208,35 @@ def _advance(f: Any, tables: Tables, model: int, step: int, q: tuple[float, floa
     tape.predicted(f.tape, model, step)
     phi, per_s = tables.phi, 1e6 / _STEPS[step]
     for i in range(N):
-        f.h[i] = tables.input[model, step, i] * f.T_en
+        value = tables.input[model, step, i] * f.T_en
         for j in range(N):
-            f.h[i] += phi[model, step, i, j] * f.x[j]
             f.scratch[i, j] = 0.0
+        for k in range(N):
+            factor = phi[model, step, i, k]
+            if factor != 0.0:  # F is sparse; along a row a vector unit does several places at once
+                value += factor * f.x[k]
+                for j in range(N):
+                    f.scratch[i, j] += factor * f.P[k, j]
+        f.h[i] = value
     for i in range(N):
         f.rate[i] = (f.h[i] - f.x[i]) * per_s
         f.x[i] = f.h[i]
-        for k in range(N):
-            factor = phi[model, step, i, k]
-            if factor != 0.0:
-                for j in range(N):
-                    f.scratch[i, j] += factor * f.P[k, j]
+        for j in range(N):
+            f.P[j, i] = f.scratch[i, j]  # P Fᵀ
     for i in range(N):
         for j in range(i + 1):
             total = tables.noise[model, step, i, j]
             total += q[0] * tables.noise_1[model, step, i, j] + q[1] * tables.noise_2[model, step, i, j]
             total += q[2] * tables.noise_x[model, step, i, j] + q[3] * tables.noise_v[model, step, i, j]
-            total += q[4] * tables.noise_e[model, step, i, j]
-            for k in range(N):
-                total += f.scratch[i, k] * phi[model, step, j, k]
-            f.P[i, j] = total
-            f.P[j, i] = total
+            f.scratch[i, j] = total + q[4] * tables.noise_e[model, step, i, j]
+        for k in range(N):
+            factor = phi[model, step, i, k]
+            if factor != 0.0:
+                for j in range(i + 1):
+                    f.scratch[i, j] += factor * f.P[k, j]
+    for i in range(N):
+        for j in range(i + 1):
+            f.P[i, j] = f.P[j, i] = f.scratch[i, j]
 
 
 @compiled_without_allocation
