@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from cantools.database.can import Database
@@ -33,7 +34,7 @@ from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear,
 from dctorque_can.driveline.parameters import Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
 from dctorque_can.estimators.design import Method
-from dctorque_can.pipeline.samples import Protection, Quantity
+from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
 from dctorque_can.pipeline.settings import DrivenAxle, GearInference, Settings
 
 
@@ -79,7 +80,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         gear_inference=inference,
         method=Method[estimator.method.upper()],
         observer=estimator.oh2014.build(),
-        kalman=estimator.kalman.build(),
+        kalman=estimator.kalman.build(_speed_resolutions(builder.entries)),
         driven_axle=vehicle.axle,
         step_us=microseconds(estimator.step_ms),
         estimate_period_us=microseconds(estimator.period_ms),
@@ -88,6 +89,12 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         max_step_back_us=microseconds(estimator.max_step_back_ms),
     )
     return Parts(settings, protections, tuple(builder.entries))
+
+
+def _speed_resolutions(entries: Iterable[InputEntry]) -> tuple[float, ...]:
+    """Return the resolution of each speed of `SPEEDS` on the bus, rad/s; 0 of one that is not there."""
+    known = {entry.input.quantity: entry.resolution for entry in entries}
+    return tuple(known.get(quantity, 0.0) for quantity in SPEEDS)
 
 
 def _section(document: Document, path: KeyPath, model: type[S]) -> S | None:

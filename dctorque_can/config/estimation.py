@@ -163,10 +163,10 @@ class KalmanSection(Section):
     """What the Kalman estimator is told of sensors, torques and disturbances; standard deviations throughout."""
 
     engine_speed_noise_rad_s: Noise = 0.1
-    """Noise of one sample of the engine speed, resolution/√12 included, rad/s."""
+    """Noise of one sample of the engine speed, without the resolution of the DBC, rad/s."""
     shaft_speed_noise_rad_s: Noise = 0.1
     """Noise of one sample of an input-shaft speed, rad/s."""
-    wheel_speed_noise_rad_s: Noise = 0.022
+    wheel_speed_noise_rad_s: Noise = 0.02
     """Noise of one sample of one wheel speed, rad/s."""
     timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 1.0
     """From the sample of a speed to its frame, as far as it is unknown, ms."""
@@ -207,11 +207,16 @@ class KalmanSection(Section):
     gate_patience_s: Annotated[float, Field(ge=0.02, le=60)] = 0.5
     """… unless it moves as a shaft can, or has been there for so long, s."""
 
-    def build(self) -> KalmanDesign:
-        """Return the design as the estimator knows it."""
+    def build(self, speed_resolutions_rad_s: tuple[float, ...]) -> KalmanDesign:
+        """Return the design as the estimator knows it; resolutions of the DBC as `KalmanDesign` has them."""
         numbers = dict(self)
         timing, delay = (numbers.pop(name) / 1000.0 for name in ("timing_error_ms", "engine_torque_delay_ms"))
-        return KalmanDesign(timing_error_s=timing, engine_torque_delay_s=delay, **numbers)
+        return KalmanDesign(
+            speed_resolutions_rad_s=speed_resolutions_rad_s,
+            timing_error_s=timing,
+            engine_torque_delay_s=delay,
+            **numbers,
+        )
 
 
 class EstimatorSection(Section):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -109,12 +110,14 @@ class InputEntry:
         input: what the decoder is told.
         units: unit of each term, as given or as in the DBC; "" where the value is kept or mapped.
         periods_ms: cycle time of each term's message, None where the DBC has none.
+        resolution: SI, rounding has the variance resolution²/12; 0 of floats, and where a value is mapped.
     """
 
     key: str
     input: Input
     units: tuple[str, ...]
     periods_ms: tuple[float | None, ...]
+    resolution: float = 0.0
 
 
 class InputBuilder:
@@ -150,7 +153,8 @@ class InputBuilder:
             factors.append(factor)
         lowest, highest = self._range(path, section, quantity, factors)
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        self._append(path, Input(quantity, tuple(terms), lowest, highest, timeout, delay), units)
+        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay)
+        self._append(path, given, units, self._resolution(terms))
 
     def add_mapped(
         self,
@@ -195,7 +199,7 @@ class InputBuilder:
                 self._warn(path, "has no effect: no input comes from this message")
         return protection
 
-    def _append(self, path: KeyPath, given: Input, units: Iterable[str]) -> None:
+    def _append(self, path: KeyPath, given: Input, units: Iterable[str], resolution: float = 0.0) -> None:
         if self._database is not None:
             for problem in input_problems(self._database, (given,), ()):
                 self._complain(
@@ -207,7 +211,7 @@ class InputBuilder:
         if given.timeout_us < 2000 * longest:
             reason = f"is less than two periods of {longest:g} ms: one lost frame makes the input stale"
             self._warn((*path, "timeout_ms"), reason)
-        self.entries.append(InputEntry(dotted(path), given, tuple(units), periods))
+        self.entries.append(InputEntry(dotted(path), given, tuple(units), periods, resolution))
 
     def _place(self, path: KeyPath, message: str, signal: str) -> KeyPath:
         """Return the key path of the signal that a problem of the bus is about."""
@@ -225,6 +229,15 @@ class InputBuilder:
         message, signal = name.split(".")
         known = self._messages.get(message)
         return next((s for s in known.signals if s.name == signal), None) if known else None
+
+    def _resolution(self, terms: Iterable[Term]) -> float:
+        """Return the step of a signal that has the rounding errors of all terms together, SI."""
+        steps = []
+        for term in terms:
+            signal = self._signal(f"{term.message}.{term.signal}")
+            if signal is not None and not signal.conversion.is_float:
+                steps.append(term.factor * signal.scale)
+        return math.hypot(*steps)
 
     def _unit(self, path: KeyPath, term: TermSection, dimension: Dimension) -> tuple[str, float]:
         """Return the unit of a signal and its factor to SI; 1 where there is none to be found."""

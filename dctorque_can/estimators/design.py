@@ -50,7 +50,8 @@ class Oh2014Design:
 class KalmanDesign:
     """What the Kalman estimator is told of sensors, torques and disturbances. Noises are white; σ throughout."""
 
-    engine_speed_noise_rad_s: float  # of one sample, its resolution included
+    speed_resolutions_rad_s: tuple[float, ...]  # on the bus: engine, input shafts, wheels FL, FR, RL, RR
+    engine_speed_noise_rad_s: float  # of one sample, before it is rounded to the resolution
     shaft_speed_noise_rad_s: float
     wheel_speed_noise_rad_s: float  # of one wheel
     timing_error_s: float  # between the sample of a speed and the time of its frame

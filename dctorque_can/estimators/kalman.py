@@ -18,6 +18,7 @@ from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman_model, kalman_tuning, tape
 from dctorque_can.estimators.design import KalmanDesign
+from dctorque_can.estimators.kalman_learning import forget_noise
 from dctorque_can.estimators.kalman_model import (
     DT_E,
     R_1,
@@ -42,13 +43,13 @@ from dctorque_can.estimators.kalman_noise import (
     engine_variance,
     process_noise,
 )
+from dctorque_can.estimators.kalman_tuning import SPEEDS
 
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
 _LONGEST_RAMP_US = 50_000
 _OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
-_SPEEDS = 7  # … with each wheel for itself
 _SIGNALS = 6  # the sensors and the nominal engine torque
 
 FILTER = np.dtype(
@@ -76,13 +77,15 @@ FILTER = np.dtype(
         ("rejected", "i8", (_SENSORS,)),  # measurements in a row that were not believed
         ("accepted", "f8", (_SENSORS,)),  # last measurement that was believed, and its time
         ("accepted_us", "i8", (_SENSORS,)),
-        ("last", "f8", (_SPEEDS,)),  # last measurement, wheels apart
-        ("repeats", "i8", (_SPEEDS,)),  # for how many measurements it has been the very same
-        ("repeat_from", "f8", (_SPEEDS,)),  # … and what was predicted for the first repetition
-        ("repeat_share", "f8", (_SPEEDS,)),  # how often it repeats itself otherwise
+        ("last", "f8", (SPEEDS,)),  # last measurement, wheels apart
+        ("repeats", "i8", (SPEEDS,)),  # for how many measurements it has been the very same
+        ("repeat_from", "f8", (SPEEDS,)),  # … and what was predicted for the first repetition
+        ("repeat_share", "f8", (SPEEDS,)),  # how often it repeats itself otherwise
         ("spread", "f8", (2,)),  # rad/s, left less right wheel of the front and of the rear axle
         ("spread_known", "u1", (2,)),
         ("spread_us", "i8", (2,)),  # when it was last found as usual
+        ("noise_ratio", "f8", (_SENSORS,)),  # `kalman_learning`: true variance of a sample over the configured one
+        ("noise_samples", "f8", (_SENSORS,)),  # … and how many samples it was learned from
         ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
         ("taken", "i8", (_SENSORS,)),  # measurements within the gate, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
@@ -157,12 +160,13 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(_SENSORS):
         f.rejected[i] = 0
         f.accepted[i] = math.nan
-    for i in range(_SPEEDS):
+    for i in range(SPEEDS):
         f.repeats[i] = 0
         f.last[i], f.repeat_share[i] = math.nan, 0.5
     f.spread_known[0] = f.spread_known[1] = False
     for i in range(_SIGNALS):
         f.fault[i] = 0
+    forget_noise(f)
     f.running = True
     f.reset_us = f.torque_us = f.t_us
 
@@ -208,28 +212,35 @@ def _advance(f: Any, tables: Tables, model: int, step: int, q: tuple[float, floa
     tape.predicted(f.tape, model, step)
     phi, per_s = tables.phi, 1e6 / _STEPS[step]
     for i in range(N):
-        f.h[i] = tables.input[model, step, i] * f.T_en
+        value = tables.input[model, step, i] * f.T_en
         for j in range(N):
-            f.h[i] += phi[model, step, i, j] * f.x[j]
             f.scratch[i, j] = 0.0
+        for k in range(N):
+            factor = phi[model, step, i, k]
+            if factor != 0.0:  # F is sparse; along a row a vector unit does several places at once
+                value += factor * f.x[k]
+                for j in range(N):
+                    f.scratch[i, j] += factor * f.P[k, j]
+        f.h[i] = value
     for i in range(N):
         f.rate[i] = (f.h[i] - f.x[i]) * per_s
         f.x[i] = f.h[i]
-        for k in range(N):
-            factor = phi[model, step, i, k]
-            if factor != 0.0:
-                for j in range(N):
-                    f.scratch[i, j] += factor * f.P[k, j]
+        for j in range(N):
+            f.P[j, i] = f.scratch[i, j]  # P Fᵀ
     for i in range(N):
         for j in range(i + 1):
             total = tables.noise[model, step, i, j]
             total += q[0] * tables.noise_1[model, step, i, j] + q[1] * tables.noise_2[model, step, i, j]
             total += q[2] * tables.noise_x[model, step, i, j] + q[3] * tables.noise_v[model, step, i, j]
-            total += q[4] * tables.noise_e[model, step, i, j]
-            for k in range(N):
-                total += f.scratch[i, k] * phi[model, step, j, k]
-            f.P[i, j] = total
-            f.P[j, i] = total
+            f.scratch[i, j] = total + q[4] * tables.noise_e[model, step, i, j]
+        for k in range(N):
+            factor = phi[model, step, i, k]
+            if factor != 0.0:
+                for j in range(i + 1):
+                    f.scratch[i, j] += factor * f.P[k, j]
+    for i in range(N):
+        for j in range(i + 1):
+            f.P[i, j] = f.P[j, i] = f.scratch[i, j]
 
 
 @compiled_without_allocation

@@ -12,6 +12,7 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman import measure
+from dctorque_can.estimators.kalman_learning import learn_noise
 from dctorque_can.estimators.kalman_model import DT_E
 
 
@@ -58,11 +59,12 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
         sensor: 0 engine, 1 and 2 input shafts, 3 driven and 4 undriven wheels.
         i: state.
         z: measurement, rad/s.
-        variance: of it, (rad/s)².
+        variance: of its noise, (rad/s)².
         fastest: acceleration that the shaft can have, rad/s²; infinite while a synchroniser may do anything to it.
     """
     e = z - f.x[i]
-    variance += (tuning.timing_error * f.rate[i]) ** 2
+    noise, late = variance, (tuning.timing_error * f.rate[i]) ** 2
+    variance = noise + late
     S = f.P[i, i] + variance
     beyond = not e * e <= tuning.gate * S  # also when it is no number
     if beyond and math.isinf(fastest):
@@ -73,6 +75,8 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     if not beyond and not abs(z - f.accepted[sensor]) > reach:  # before the first there is none to compare with
         f.taken[sensor] += 1
         f.squares[sensor] += e * e / S
+        if not math.isinf(fastest):
+            learn_noise(f, tuning, sensor, e, f.P[i, i] + late, noise)
         take(f, sensor, i, z, variance)
         return
     f.rejected[sensor] += 1
@@ -140,14 +144,15 @@ def others_change(f: Any, signal: int) -> bool:
 
 
 @compiled_without_allocation
-def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float) -> int:
+def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float, variance: float) -> int:
     """Return which wheel of an axle has left the other: 0 none, 1 left, 2 right.
 
     The wheels differ in bends and by their tyres, and that changes slowly. When it jumps, or a wheel falls behind,
     the odd one is the one that repeats itself, else the one further from the prediction; but what lasts for the
     patience of the gate, and can be on a road, is how the wheels differ now.
+    The variance is of both noises together.
     """
-    usual = f.spread[axle]
+    usual, wheel = f.spread[axle], _FIRST_WHEEL + 2 * axle
     change = (left - right) - usual
     fast, slow = max(abs(left), abs(right)), min(abs(left), abs(right))
     possible = fast - slow <= _LARGEST_SPREAD * fast + _TURNS
@@ -157,11 +162,11 @@ def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float)
         return 0
     if not possible and slow <= _TURNS:  # dead, or its signal is
         return 1 if abs(left) < abs(right) else 2
-    if abs(change) <= _LARGEST_JUMP + math.sqrt(2.0 * tuning.gate * tuning.wheel_variance):
+    if abs(change) <= _LARGEST_JUMP + math.sqrt(tuning.gate * variance):
         f.spread[axle] += min((f.t_us - f.spread_us[axle]) * _SPREAD_PER_US, 1.0) * change
         f.spread_us[axle] = f.t_us
         return 0
-    repeats = f.repeats[_FIRST_WHEEL + 2 * axle] - f.repeats[_FIRST_WHEEL + 2 * axle + 1]
+    repeats = f.repeats[wheel] - f.repeats[wheel + 1]
     if abs(repeats) >= _TELLING_REPEATS:
         return 1 if repeats > 0 else 2
     return 1 if abs(left - 0.5 * usual - f.x[i]) > abs(right + 0.5 * usual - f.x[i]) else 2

@@ -12,6 +12,7 @@ from dctorque_can.estimators.oh2014_model import MAX_GEAR
 
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
 GEARS = MAX_GEAR + 2  # places for gear numbers from −1
+SPEEDS = 7  # engine, both input shafts, each wheel for itself
 
 TUNING = np.dtype(
     [
@@ -26,9 +27,7 @@ TUNING = np.dtype(
         ("held_load", "f8"),  # … while the car stands or brakes
         ("open_torque", "f8"),  # N·m, of an open clutch around its drag
         ("drag", "f8", (2,)),
-        ("engine_variance", "f8"),  # of one sample
-        ("shaft_variance", "f8"),
-        ("wheel_variance", "f8"),
+        ("speed_variance", "f8", (SPEEDS,)),  # of one sample: engine, input shafts, wheels FL, FR, RL, RR
         ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
         ("gate", "f8"),  # largest normalised innovation squared that is believed
         ("patience_us", "i8"),  # … until one has not been for so long
@@ -49,6 +48,13 @@ TUNING = np.dtype(
 """What the filter must know beside its tables."""
 
 
+def speed_variances(design: KalmanDesign) -> list[float]:
+    """Return the variance of one sample of each speed, (rad/s)²: noise, and rounding to the resolution."""
+    noises = [design.engine_speed_noise_rad_s, *2 * [design.shaft_speed_noise_rad_s]]
+    noises += 4 * [design.wheel_speed_noise_rad_s]
+    return [sigma**2 + q**2 / 12.0 for sigma, q in zip(noises, design.speed_resolutions_rad_s, strict=True)]
+
+
 def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     """Return the `TUNING` record ``[1]`` of a vehicle and a design."""
     t = np.zeros(1, TUNING)
@@ -61,9 +67,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["held_load"] = design.held_load_rate_nm_per_sqrt_s
     t["open_torque"] = design.open_torque_nm
     t["drag"] = [clutch.drag_nms_per_rad for clutch in vehicle.clutches]
-    t["engine_variance"] = design.engine_speed_noise_rad_s**2
-    t["shaft_variance"] = design.shaft_speed_noise_rad_s**2
-    t["wheel_variance"] = design.wheel_speed_noise_rad_s**2
+    t["speed_variance"] = speed_variances(design)
     t["gate"] = design.gate_sigma**2
     t["patience_us"] = round(design.gate_patience_s * 1e6)
     t["timing_error"] = design.timing_error_s

@@ -10,6 +10,7 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, oh2014
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.estimators.kalman_faults import SensorFault
+from dctorque_can.estimators.kalman_learning import noise_factor
 from dctorque_can.estimators.kalman_model import DT_E, W_B, W_C1, W_E, W_W, N
 from dctorque_can.estimators.kalman_noise import engine_variance
 from dctorque_can.pipeline.core_state import NEVER
@@ -109,12 +110,10 @@ def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
     take_torque(core, f, tuning, (f.t_us - before_us) * 1e-6)
     kalman_gearbox.change_gears(f, tuning, core.gear[0], core.gear[1])
     kalman_gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
-    measure_speed(
-        core, rules, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.engine_variance, tuning.fastest_engine
-    )
+    measure_speed(core, rules, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.fastest_engine)
     for i in range(2):
         fastest = FASTEST_WHEEL * abs(tuning.ratio[i, core.gear[i] + 1]) if core.gear[i] != 0 else math.inf
-        measure_speed(core, rules, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, tuning.shaft_variance, fastest)
+        measure_speed(core, rules, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, fastest)
     rear = rules.driven_axle == DrivenAxle.REAR
     measure_axle(core, f, tuning, WHEEL, not rear, _UNDRIVEN if rear else _DRIVEN)
     measure_axle(
@@ -149,18 +148,10 @@ def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
 
 @compiled_without_allocation
 def measure_speed(
-    core: Any,
-    rules: Any,
-    f: Any,
-    tuning: Any,
-    quantity: int,
-    sensor: int,
-    state: int,
-    variance: float,
-    fastest: float,
+    core: Any, rules: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int, fastest: float
 ) -> None:
     """Take a speed that is new; say when it has been missing or is stuck."""
-    z = core.value[quantity]
+    z, variance = core.value[quantity], tuning.speed_variance[sensor] * noise_factor(f, sensor)
     if core.fresh[quantity]:
         stuck = kalman_faults.is_stuck(f, tuning, sensor, state, z, variance)
         if stuck and not math.isinf(fastest):  # in neutral a shaft may keep its speed whatever is predicted
@@ -201,13 +192,15 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
             kalman_faults.leave_out(f, sensor, _MISSING)
         return
     w_l, w_r, fault = core.value[left], core.value[left + 1], 0
-    signal, variance = _SHAFT + 2 + left - WHEEL, tuning.wheel_variance
-    if there_l and kalman_faults.is_stuck(f, tuning, signal, state, w_l, variance):
+    signal = _SHAFT + 2 + left - WHEEL
+    factor = noise_factor(f, sensor)
+    variance_l, variance_r = factor * tuning.speed_variance[signal], factor * tuning.speed_variance[signal + 1]
+    if there_l and kalman_faults.is_stuck(f, tuning, signal, state, w_l, variance_l):
         there_l, fault = False, _STUCK
-    if there_r and kalman_faults.is_stuck(f, tuning, signal + 1, state, w_r, variance):
+    if there_r and kalman_faults.is_stuck(f, tuning, signal + 1, state, w_r, variance_r):
         there_r, fault = False, _STUCK
     if fault == 0 and ((there_l and there_r) or near_in_time(core, left)):
-        odd = kalman_faults.odd_wheel(f, tuning, axle, state, w_l, w_r)
+        odd = kalman_faults.odd_wheel(f, tuning, axle, state, w_l, w_r, variance_l + variance_r)
         there_l, there_r = there_l and odd != 1, there_r and odd != 2
         if odd != 0:
             fault = _SPIKE
@@ -218,11 +211,12 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
         f.rejected[sensor] = 0  # of the mean
         f.beyond[sensor] += 1
     elif there_l and there_r:
-        kalman_faults.measure_gated(f, tuning, sensor, state, 0.5 * (w_l + w_r), 0.5 * variance, FASTEST_WHEEL)
+        mean, variance = 0.5 * (w_l + w_r), 0.25 * (variance_l + variance_r)
+        kalman_faults.measure_gated(f, tuning, sensor, state, mean, variance, FASTEST_WHEEL)
     elif there_l:
-        kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance, FASTEST_WHEEL)
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance_l, FASTEST_WHEEL)
     else:
-        kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance, FASTEST_WHEEL)
+        kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance_r, FASTEST_WHEEL)
     if fault != 0:
         kalman_faults.blame(f, sensor, fault)
 

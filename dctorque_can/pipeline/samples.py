@@ -35,6 +35,16 @@ class Quantity(IntEnum):
 
 
 N_QUANTITIES = len(Quantity)
+SPEEDS = (
+    Quantity.ENGINE_SPEED,
+    Quantity.SHAFT1_SPEED,
+    Quantity.SHAFT2_SPEED,
+    Quantity.WHEEL_SPEED_FL,
+    Quantity.WHEEL_SPEED_FR,
+    Quantity.WHEEL_SPEED_RL,
+    Quantity.WHEEL_SPEED_RR,
+)
+"""Speeds in the order of the Kalman filter's signals."""
 
 
 class SampleStatus(IntEnum):

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from dctorque_can.config.load import Config
+from dctorque_can.config.load import Config, load_config
 from dctorque_can.driveline.parameters import Thermal
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSource
 from dctorque_can.estimators.design import RoadLoad, SubObserver
@@ -97,6 +98,25 @@ def test_names_of_the_value_table(load: Load) -> None:
     assert one(config, Quantity.ENGINE_SPEED).terms[0].not_available == {65535, 65534}
     gear = one(config, Quantity.GEAR2).terms[0]
     assert gear.values == {0: 0.0, 14: 0.0, 2: 2.0, 4: 4.0}
+
+
+def test_resolution_of_the_dbc(load: Load) -> None:
+    """A quarter of a revolution per minute is π/120 rad/s; rounding errors of several terms add as squares."""
+    speeds = [{"signal": f"InputShafts.InputShaft{i}Speed", "factor": factor} for i, factor in ((1, 3), (2, -4))]
+    config = load({"inputs.shaft2_speed": {"sum": speeds}})
+    engine, first, second, *wheels = config.settings.kalman.speed_resolutions_rad_s
+    assert (engine, first, second) == pytest.approx((math.pi / 120, math.pi / 120, 5 * math.pi / 120))
+    assert wheels == pytest.approx([0.03125 / 3.6 / 0.312] * 4)
+
+
+def test_floats_and_missing_speeds_are_not_rounded(write: Callable[..., Path], removed: object) -> None:
+    path = write({"inputs.shaft1_speed": removed, "estimator.method": "kalman"})
+    dbc = path.parent / "demo_car.dbc"
+    text = dbc.read_text().replace("InputShaft2Speed : 32|16@1+", "InputShaft2Speed : 32|32@1-")
+    dbc.write_text(text + "\nSIG_VALTYPE_ 272 InputShaft2Speed : 1;\n")
+    engine, first, second, *_ = load_config(path).settings.kalman.speed_resolutions_rad_s
+    assert engine > 0
+    assert (first, second) == (0, 0)
 
 
 def test_reverse_and_one_signal_for_both_shafts(load: Load) -> None:

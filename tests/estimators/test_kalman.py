@@ -65,6 +65,14 @@ def dense_update(x, P, H, z, R):
     return x + K * (z - H @ x), rest @ P @ rest.T + R * np.outer(K, K)
 
 
+def test_each_speed_has_its_noise_and_its_resolution():
+    resolutions = (0.0, 0.3, 0.6, 0.0, 0.06, 0.0, 0.0)
+    design = replace(DESIGN, speed_resolutions_rad_s=resolutions, shaft_speed_noise_rad_s=0.2)
+    variance = tuning_of(VEHICLE, replace(design, wheel_speed_noise_rad_s=0.01))["speed_variance"][0]
+    np.testing.assert_allclose(variance[1:], (0.0475, 0.07, 1e-4, 4e-4, 1e-4, 1e-4))
+    assert variance[0] == pytest.approx(design.engine_speed_noise_rad_s**2)
+
+
 def test_one_step_is_that_of_plain_matrices(tables):
     """5 ms are a step of 4 and one of 1 ms; then a speed and a difference of two are taken."""
     k = new_filter(tables)
@@ -99,7 +107,7 @@ def test_consistent_on_data_of_its_own_model(tables):
     The limits enclose 99.9 %; the torques' errors are counted once a drive, since they are correlated in time.
     """
     random = np.random.default_rng(11)
-    noise = np.array([DESIGN.engine_speed_noise_rad_s, 0.3, 0.3, 0.02, 0.02])
+    noise = np.array([0.3, 0.3, 0.3, 0.02, 0.02])
     step = STEPS_US.index(4000)
     runs, samples = 30, 100
     squares, nees_torques, nees_all = np.zeros(5), 0.0, 0.0
@@ -256,7 +264,7 @@ def test_the_odd_wheel_is_told(tables):
 
     def odd(left, right):
         f["t_us"] += 10_000
-        return kalman_faults.odd_wheel(f, k.tuning[0], 0, State.W_W, left, right)
+        return kalman_faults.odd_wheel(f, k.tuning[0], 0, State.W_W, left, right, 0.001)
 
     assert [odd(10.25, 9.75) for _ in range(3)] == [0, 0, 0]
     assert odd(12.25, 9.75) == 1
