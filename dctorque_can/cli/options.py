@@ -39,10 +39,11 @@ DriveChoice = Annotated[
     typer.Option("--drive", help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 180 s."),
 ]
 ProfileChoice = Annotated[
-    Literal["laboratory", "production"],
+    Literal["laboratory", "production", "inertial"],
     typer.Option(
         "--profile",
-        help="laboratory: every signal at 1 kHz with noise. production: 10/20 ms, quantised, delayed, jittering.",
+        help="laboratory: every signal at 1 kHz with noise. production: 10/20 ms, quantised, delayed, jittering. "
+        "inertial: production with acceleration and grade.",
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the noise, and of a mixed drive.")]

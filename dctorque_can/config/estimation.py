@@ -202,6 +202,20 @@ class KalmanSection(Section):
     """What engine and input shafts do beside the model, rad/s/√s."""
     synchroniser_rad_s2: Annotated[float, Field(gt=0, le=1e5)] = 500.0
     """Acceleration that a synchroniser gives to an input shaft in neutral, rad/s²."""
+    acceleration_error_m_s2: Annotated[float, Field(gt=0, le=10)] = 0.3
+    """Lasting error of inputs.acceleration, with the pitch of the body, m/s²."""
+    grade_error_rad: Annotated[float, Field(gt=0, le=0.5)] = 0.02
+    """Lasting error of inputs.grade, rad."""
+    command_error_share: Annotated[float, Field(ge=0, le=1)] | None = None
+    """Lasting error of the clutch commands as a share of them; without, they are not used for the torques."""
+    command_error_nm: Annotated[float, Field(gt=0, le=1000)] = 5.0
+    """… and its constant part, N·m."""
+    command_lag_ms: Annotated[float, Field(ge=1, le=1000)] = 50.0
+    """Lag of a clutch behind its command, ms."""
+    command_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 1.0
+    """For how long the error of a clutch command lasts: at least as long as a clutch slips, s."""
+    inertial_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 5.0
+    """For how long the errors of acceleration and grade last, s."""
     gate_sigma: Annotated[float, Field(ge=3, le=1000)] = 5.0
     """A speed further from its prediction is not believed, in standard deviations."""
     gate_patience_s: Annotated[float, Field(ge=0.02, le=60)] = 0.5
@@ -210,11 +224,13 @@ class KalmanSection(Section):
     def build(self, speed_resolutions_rad_s: tuple[float, ...]) -> KalmanDesign:
         """Return the design as the estimator knows it; resolutions of the DBC as `KalmanDesign` has them."""
         numbers = dict(self)
-        timing, delay = (numbers.pop(name) / 1000.0 for name in ("timing_error_ms", "engine_torque_delay_ms"))
+        names = ("timing_error_ms", "engine_torque_delay_ms", "command_lag_ms")
+        timing, delay, lag = (numbers.pop(name) / 1000.0 for name in names)
         return KalmanDesign(
             speed_resolutions_rad_s=speed_resolutions_rad_s,
             timing_error_s=timing,
             engine_torque_delay_s=delay,
+            command_lag_s=lag,
             **numbers,
         )
 

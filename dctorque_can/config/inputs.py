@@ -73,7 +73,7 @@ class InputsSection(Section):
     wheel_speeds: WheelSpeedsSection
     """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
     acceleration: InputSection | None = None
-    """Longitudinal acceleration."""
+    """Longitudinal acceleration as an accelerometer has it, dv/dt + g sin(grade)."""
     grade: InputSection | None = None
     """Inclination of the road, positive uphill."""
     brake: InputSection | None = None

@@ -19,7 +19,7 @@ from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.pipeline.settings import DrivenAxle
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
-from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, SensorProfile, emit_frames
+from dctorque_can.simulation.sensors import INERTIAL, LABORATORY, PRODUCTION, SensorProfile, emit_frames
 
 START_US = 1_704_067_200_000_000  # 2024-01-01T00:00:00Z: the same seed gives the same file
 MIXED_S = 360.0
@@ -44,6 +44,14 @@ class ProfileName(StrEnum):
 
     LABORATORY = "laboratory"
     PRODUCTION = "production"
+    INERTIAL = "inertial"
+
+
+_PROFILES = {
+    ProfileName.LABORATORY: LABORATORY,
+    ProfileName.PRODUCTION: PRODUCTION,
+    ProfileName.INERTIAL: INERTIAL,
+}
 
 
 @dataclass(frozen=True)
@@ -131,5 +139,4 @@ def drive_of(config: Config, name: DriveName, seed: int, duration_s: float | Non
 
 def sensors_of(config: Config, profile: ProfileName, seed: int) -> SensorProfile:
     """Return how the car of ``config`` measures and sends; the seed is that of noise and jitter."""
-    sensors = LABORATORY if profile is ProfileName.LABORATORY else PRODUCTION
-    return replace(sensors, seed=seed, driven_axle=_AXLES[config.settings.driven_axle])
+    return replace(_PROFILES[profile], seed=seed, driven_axle=_AXLES[config.settings.driven_axle])

@@ -71,5 +71,12 @@ class KalmanDesign:
     engine_torque_error_time_s: float  # for how long it lasts
     unmodelled_rad_s_per_sqrt_s: float  # what engine and shafts do beside the model
     synchroniser_rad_s2: float  # acceleration of a shaft in neutral
+    acceleration_error_m_s2: float  # lasting, of the accelerometer and the pitch of the body
+    grade_error_rad: float  # lasting
+    command_error_share: float | None  # of the commanded clutch torque, where it is to be used
+    command_error_nm: float  # … and its constant part
+    command_lag_s: float  # of a clutch behind its command
+    command_error_time_s: float  # for how long its error lasts
+    inertial_error_time_s: float  # … and those of acceleration and grade
     gate_sigma: float  # a speed further from its prediction is not believed
     gate_patience_s: float  # … until it has been so for this long

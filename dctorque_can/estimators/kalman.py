@@ -90,6 +90,8 @@ FILTER = np.dtype(
         ("taken", "i8", (_SENSORS,)),  # measurements within the gate, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
         ("beyond", "i8", (_SENSORS,)),  # … and those that were not believed
+        ("hint_us", "i8", (4,)),  # when each of `kalman_hints` was last given
+        ("lagged_command", "f8", (2,)),  # N·m, as a clutch follows it
         ("T_c1", "f8"),
         ("T_c2", "f8"),
         ("sigma_1", "f8"),  # standard deviations of what is published
@@ -163,6 +165,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(SPEEDS):
         f.repeats[i] = 0
         f.last[i], f.repeat_share[i] = math.nan, 0.5
+    f.lagged_command[0] = f.lagged_command[1] = math.nan
     f.spread_known[0] = f.spread_known[1] = False
     for i in range(_SIGNALS):
         f.fault[i] = 0

@@ -30,7 +30,7 @@ _OPEN, _SLIPPING = int(ClutchPhase.OPEN), int(ClutchPhase.SLIPPING)
 _NEUTRAL_TRUST = 100.0  # variances: so weakly that it only keeps a synchroniser's torque from running away
 _REVERSAL_NM = 2.0  # beyond zero at which the losses change their direction
 _REVERSAL_SIGMA = 0.5  # … and standard deviations of the torque
-_SLIDING = 12.0  # rad/s of slip from which friction's direction is certain, late and noisy as the speeds are
+SLIDING = 12.0  # rad/s of slip from which friction's direction is certain, late and noisy as the speeds are
 
 
 @compiled_without_allocation
@@ -60,7 +60,7 @@ def decide_directions(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
         slip = f.x[W_E] - f.x[W_C1 + i]
         band = _REVERSAL_NM + _REVERSAL_SIGMA * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0))
         drives = torque > -band if f.drives[i] else torque > band
-        if phase == _SLIPPING and abs(slip) > _SLIDING:
+        if phase == _SLIPPING and abs(slip) > SLIDING:
             drives = slip > 0.0
         if drives != bool(f.drives[i]):
             f.drives[i] = drives

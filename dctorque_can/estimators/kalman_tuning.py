@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Vehicle
 from dctorque_can.estimators.design import KalmanDesign
 from dctorque_can.estimators.kalman_model import arms
 from dctorque_can.estimators.oh2014_model import MAX_GEAR
@@ -35,6 +35,18 @@ TUNING = np.dtype(
         ("engine_share", "f8"),  # … and by how much it grows with the torque
         ("engine_delay", "f8"),  # rad/s per N·m, what a change that comes late does to the engine speed
         ("parameter_error", "f8"),  # relative, of mass, inertias and stiffnesses
+        ("acceleration_error", "f8"),  # m/s²
+        ("grade_error", "f8"),  # rad
+        ("command_share", "f8"),  # relative error of a clutch command; NaN: not used
+        ("command_error", "f8"),  # … and N·m
+        ("command_lag", "f8"),  # s
+        ("command_time", "f8"),  # s, for how long that error counts
+        ("inertial_time", "f8"),  # s, … and those of acceleration and grade
+        ("mass_arm", "f8"),  # r m, kg·m
+        ("rolling_torque", "f8"),  # N·m at the wheel
+        ("air_torque", "f8"),  # N·m per (rad/s)²
+        ("J_b", "f8"),  # of the body with the undriven wheels
+        ("J_b_wheels", "f8"),  # … of these alone
         ("J_e", "f8"),
         ("fastest_engine", "f8"),  # rad/s², both clutches at their capacity
         ("ratio", "f8", (2, GEARS)),  # total, by shaft and gear number + 1
@@ -75,6 +87,20 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["engine_share"] = design.engine_torque_error_share
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
     t["parameter_error"] = design.parameter_error_share
+    t["acceleration_error"] = design.acceleration_error_m_s2
+    t["grade_error"] = design.grade_error_rad
+    t["command_share"] = np.nan if design.command_error_share is None else design.command_error_share
+    t["command_error"] = design.command_error_nm
+    t["command_lag"] = design.command_lag_s
+    t["command_time"] = design.command_error_time_s
+    t["inertial_time"] = design.inertial_error_time_s
+    chassis = vehicle.chassis
+    r = chassis.wheel_radius_m
+    t["mass_arm"] = r * chassis.mass_kg
+    t["rolling_torque"] = chassis.rolling_resistance * r * chassis.mass_kg * STANDARD_GRAVITY
+    t["air_torque"] = 0.5 * AIR_DENSITY * chassis.drag_coefficient * chassis.frontal_area_m2 * r**3
+    t["J_b_wheels"] = 0.5 * chassis.wheel_inertia_kgm2
+    t["J_b"] = chassis.mass_kg * r**2 + t["J_b_wheels"]
     t["J_e"] = vehicle.engine_inertia_kgm2
     t["fastest_engine"] = (
         sum(clutch.static_capacity_nm for clutch in vehicle.clutches) / vehicle.engine_inertia_kgm2

@@ -7,7 +7,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, oh2014
+from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, kalman_hints, oh2014
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.estimators.kalman_faults import SensorFault
 from dctorque_can.estimators.kalman_learning import noise_factor
@@ -15,9 +15,13 @@ from dctorque_can.estimators.kalman_model import DT_E, W_B, W_C1, W_E, W_W, N
 from dctorque_can.estimators.kalman_noise import engine_variance
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
+    ACCELERATION,
+    BRAKE,
+    COMMAND_1,
     ENGINE_SPEED,
     ENGINE_TORQUE,
     GEAR_1,
+    GRADE,
     SPEED_1,
     WHEEL,
     braking,
@@ -120,8 +124,24 @@ def act_kalman(core: Any, rules: Any, k: Kalman) -> None:
         core, f, tuning, _REAR_WHEEL, rules.driven_axle != DrivenAxle.FRONT, _DRIVEN if rear else _UNDRIVEN
     )
     stand_in_for_undriven(core, rules, f)
+    take_hints(core, f, tuning, phase_1, phase_2)
     kalman_gearbox.decide_directions(f, tuning, phase_1, phase_2)
     kalman_gearbox.conclude(f, tables, tuning)
+
+
+@compiled_without_allocation
+def take_hints(core: Any, f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
+    """Take new hints at torques; those of the road only while the brake is known to be off."""
+    rolls = usable(core, BRAKE) and not braking(core) and abs(f.x[W_B]) >= oh2014.STANDSTILL
+    if core.fresh[ACCELERATION] and rolls:
+        kalman_hints.take_acceleration(f, tuning, core.value[ACCELERATION])
+    if core.fresh[GRADE] and rolls:
+        kalman_hints.take_grade(f, tuning, core.value[GRADE])
+    if math.isnan(tuning.command_share):
+        return
+    for i in range(2):
+        if core.fresh[COMMAND_1 + i]:
+            kalman_hints.take_command(f, tuning, i, phase_1 if i == 0 else phase_2, core.value[COMMAND_1 + i])
 
 
 @compiled_without_allocation

@@ -7,7 +7,7 @@ of its sensors, the resolution of the DBC, and arrives later by the message's de
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import pi
 from typing import Literal
 
@@ -16,7 +16,7 @@ from cantools.database.can import Database
 from numpy.typing import NDArray
 
 from dctorque_can.bus.encoder import MessageEncoder
-from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.driveline.parameters import STANDARD_GRAVITY, Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
 from dctorque_can.pipeline.samples import Protection
@@ -28,6 +28,7 @@ _RPM_PER_RAD_S = 30.0 / pi
 _KMH_PER_M_S = 3.6
 _GEAR_REVERSE = 13  # raw values of demo_car.dbc
 _GEAR_CHANGING = 14
+_ACCELERATION_US = 20_000  # over which the acceleration is a mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +60,27 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
+class InertialErrors:
+    """Errors of the message Inertial. What lasts is drawn from the seed, once for a car.
+
+    Attributes:
+        offset_m_s2: standard deviation of the accelerometer's lasting offset.
+        noise_m_s2: standard deviation of its white noise on every sample.
+        pitch: by how much of the acceleration the body's pitch, with gravity, adds to it.
+        delay_us: of its filter.
+        grade_offset_rad: standard deviation of the lasting error of the grade.
+        grade_delay_us: of the grade's filter.
+    """
+
+    offset_m_s2: float = 0.15
+    noise_m_s2: float = 0.05
+    pitch: float = 0.04
+    delay_us: int = 20_000
+    grade_offset_rad: float = 0.01
+    grade_delay_us: int = 500_000
+
+
+@dataclass(frozen=True, slots=True)
 class SensorProfile:
     """How a car measures and sends.
 
@@ -71,6 +93,7 @@ class SensorProfile:
         torque_delay_us: see there; on top of the message's own delay.
         driven_axle: whose wheels the transmission turns.
         seed: of noise and jitter.
+        inertial: errors of the message Inertial, if it is sent.
     """
 
     name: str
@@ -81,6 +104,7 @@ class SensorProfile:
     torque_delay_us: int = 0
     driven_axle: Literal["front", "rear", "all"] = "front"
     seed: int = 0
+    inertial: InertialErrors = InertialErrors()
 
 
 LABORATORY = SensorProfile(
@@ -112,6 +136,11 @@ PRODUCTION = SensorProfile(
 )
 """A production bus: 10 and 20 ms, messages staggered, a little late and a little unsteady, modest noise."""
 
+INERTIAL = replace(
+    PRODUCTION, name="inertial", timing={**PRODUCTION.timing, "Inertial": Timing(20_000, 8_900, 2_000, 400)}
+)
+"""The same with the message of an inertial sensor: every other message is the same bit for bit."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Sampled:
@@ -122,6 +151,7 @@ class _Sampled:
     profile: SensorProfile
     wheel_radius_m: float
     random: np.random.Generator
+    lasting: np.random.Generator  # always at its beginning: for what is the same for the whole life of a car
 
     def value(self, name: str, sigma: float = 0.0, late_us: int = 0) -> Floats:
         clean = np.interp(self.at_us - late_us, self.truth["t_us"], self.truth[name])
@@ -176,12 +206,27 @@ def _axle(front: bool) -> Callable[[_Sampled], dict[str, Floats]]:
     return columns
 
 
+def _inertial(s: _Sampled) -> dict[str, Floats]:
+    errors, half_us = s.profile.inertial, _ACCELERATION_US // 2
+    offset, grade_offset = s.lasting.standard_normal(2) * (errors.offset_m_s2, errors.grade_offset_rad)
+    name = "undriven_wheel_speed_rad_s"
+    later, earlier = (s.value(name, late_us=errors.delay_us + sign * half_us) for sign in (-1, 1))
+    dv_dt = s.wheel_radius_m * (later - earlier) / (_ACCELERATION_US * 1e-6)
+    gravity = STANDARD_GRAVITY * np.sin(s.value("grade_rad", late_us=errors.delay_us))
+    noise = errors.noise_m_s2 * s.random.standard_normal(len(dv_dt))
+    return {
+        "LongAcceleration": (1.0 + errors.pitch) * dv_dt + gravity + offset + noise,
+        "RoadGrade": np.degrees(s.value("grade_rad", late_us=errors.grade_delay_us) + grade_offset),
+    }
+
+
 _COLUMNS: dict[str, Callable[[_Sampled], dict[str, Floats]]] = {
     "EngineData": _engine,
     "InputShafts": _shafts,
     "Gearbox": _gearbox,
     "WheelSpeedsFront": _axle(front=True),
     "WheelSpeedsRear": _axle(front=False),
+    "Inertial": _inertial,
 }
 
 
@@ -247,9 +292,11 @@ class FrameEmitter:
         timing, random = self.profile.timing[name], self._random[name]
         first, last = int(truth["t_us"][0]), int(truth["t_us"][-1])
         at_us = np.arange(first + timing.offset_us, last, timing.period_us, dtype=np.int64)
-        sampled = _Sampled(truth, at_us, self.profile, self.vehicle.chassis.wheel_radius_m, random)
-        payload = self._encoders[name].encode(_COLUMNS[name](sampled))
         message = self.database.get_message_by_name(name)
+        lasting = np.random.default_rng([self.profile.seed, message.frame_id, 1])
+        radius_m = self.vehicle.chassis.wheel_radius_m
+        sampled = _Sampled(truth, at_us, self.profile, radius_m, random, lasting)
+        payload = self._encoders[name].encode(_COLUMNS[name](sampled))
         frames = Frames.empty(len(at_us))
         late = timing.delay_us + random.integers(0, timing.jitter_us, len(at_us), endpoint=True)
         frames.t_us[:] = at_us - first + start_us + late

@@ -15,9 +15,11 @@ from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.sensors import (
+    INERTIAL,
     LABORATORY,
     PRODUCTION,
     FrameEmitter,
+    InertialErrors,
     Noise,
     SensorProfile,
     Timing,
@@ -71,6 +73,52 @@ def test_production_rates_delays_and_jitter(
         assert late.mean() == pytest.approx(timing.delay_us + timing.jitter_us / 2, abs=20)
         assert late.std() == pytest.approx(timing.jitter_us / np.sqrt(12), rel=0.1)
     assert np.all(np.diff(frames.t_us) >= 0)
+
+
+def test_the_inertial_message_changes_no_other(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    frames = emit_frames(paper_truth, paper_vehicle, replace(INERTIAL, seed=4), database)
+    more = frames.can_id == 0x140
+    assert np.count_nonzero(more) == 800
+    without = emit_frames(paper_truth, paper_vehicle, replace(PRODUCTION, seed=4), database)
+    assert frames[~more].data.tobytes() == without.data.tobytes()
+    assert frames[~more].t_us.tobytes() == without.t_us.tobytes()
+
+
+def test_acceleration_is_the_force_on_the_car(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    """Without errors it is, by energy, what kinetic and potential energy of the body gain over the way."""
+    perfect = InertialErrors(0.0, 0.0, 0.0, 0, 0.0, 0)
+    timing = {"Inertial": Timing(20_000, 10_000)}
+    profile = SensorProfile("perfect", timing, QUIET, inertial=perfect)
+    _, columns = decoded(emit_frames(paper_truth, paper_vehicle, profile, database), database, "Inertial")
+    radius_m, mass_kg = paper_vehicle.chassis.wheel_radius_m, paper_vehicle.chassis.mass_kg
+    v = radius_m * paper_truth["undriven_wheel_speed_rad_s"][::20]
+    mean_v = radius_m * paper_truth["undriven_wheel_speed_rad_s"][10:-10:20]
+    gained = np.diff(0.5 * mass_kg * v**2 + paper_truth["grade_work_j"][::20])
+    moving = mean_v > 1.0
+    assert np.count_nonzero(moving) > 500
+    force = gained[moving] / (mass_kg * 0.02 * mean_v[moving])
+    np.testing.assert_allclose(columns["LongAcceleration"][moving], force, atol=0.03)
+    np.testing.assert_allclose(columns["RoadGrade"], np.degrees(0.1), atol=0.0101)
+
+
+def test_offsets_last_and_are_drawn_from_the_seed(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    offsets = []
+    for seed in range(40):
+        errors = InertialErrors(noise_m_s2=0.0)
+        profile = replace(INERTIAL, timing={"Inertial": Timing(20_000)}, inertial=errors, seed=seed)
+        emitter = FrameEmitter(paper_vehicle, profile, database)
+        first, again = (emitter.emit(paper_truth[:1000]) for _ in range(2))
+        _, columns = decoded(first, database, "Inertial")
+        _, repeated = decoded(again, database, "Inertial")
+        np.testing.assert_array_equal(columns["LongAcceleration"], repeated["LongAcceleration"])
+        offsets.append([columns["LongAcceleration"][10] - 9.80665 * np.sin(0.1), columns["RoadGrade"][10]])
+    np.testing.assert_allclose(np.std(offsets, axis=0), [0.15, np.degrees(0.01)], rtol=0.35)
 
 
 def test_without_noise_only_the_resolution_of_the_dbc_is_lost(
