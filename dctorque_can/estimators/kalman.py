@@ -47,7 +47,7 @@ from dctorque_can.estimators.kalman_tuning import SPEEDS
 
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
-_LONGEST_RAMP_US = 50_000
+_LONGEST_RAMP_US = 50_000  # a longer silence was none
 _OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
 _SIGNALS = 6  # the sensors and the nominal engine torque
@@ -65,8 +65,9 @@ FILTER = np.dtype(
         ("recent_output", "f8"),
         ("recent_inertial", "f8"),
         ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
-        ("T_en", "f8"),  # nominal engine torque of the last frame that had one
-        ("torque_us", "i8"),  # … and its time
+        ("T_en", "f8"),  # nominal engine torque, behind the engine's lag
+        ("told", "f8"),  # … as the last frame with one told it, and its time
+        ("torque_us", "i8"),
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
         ("gear", "i8", (2,)),
         ("drives", "u1", (2,)),  # direction of the losses
@@ -150,7 +151,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.P[T_C1, T_C1] = f.P[T_C2, T_C2] = 200.0**2
     f.P[R_1, R_1] = f.P[R_1 + 1, R_1 + 1] = 100.0**2
     f.P[DT_E, DT_E] = engine_variance(tuning, T_en)
-    f.T_en = f.recent_torque = T_en
+    f.T_en = f.told = f.recent_torque = T_en
     f.recent_output = f.recent_inertial = f.T_o = 0.0
     for i in range(2):
         f.torque_rate[i] = tuning.rate[_OPEN]
@@ -176,12 +177,20 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
 
 @compiled_without_allocation
 def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
-    """Take a new nominal engine torque: what has changed may be late, or not have happened."""
-    f.P[DT_E, DT_E] += (tuning.engine_share * (T_en - f.T_en)) ** 2
-    f.P[W_E, W_E] += (tuning.engine_delay * (T_en - f.T_en)) ** 2
-    held = min(f.t_us - f.torque_us, _LONGEST_RAMP_US) * 1e-6
-    f.x[W_E] += 0.5 * (T_en - f.T_en) * held / tuning.J_e
-    f.T_en, f.torque_us = T_en, f.t_us
+    """Take a new nominal engine torque: what has changed may be late, or not have happened.
+
+    Since the last one it has risen or fallen evenly, and was not held: half of the change is made up for.
+    """
+    change = T_en - f.told
+    f.P[DT_E, DT_E] += (tuning.engine_share * change) ** 2
+    f.P[W_E, W_E] += (tuning.engine_delay * change) ** 2
+    half = 0.5e-6 * min(f.t_us - f.torque_us, _LONGEST_RAMP_US)
+    if tuning.engine_lag == 0.0:
+        f.x[W_E] += change * half / tuning.J_e
+        f.T_en = T_en
+    else:
+        f.T_en -= change * math.expm1(-half / tuning.engine_lag)
+    f.told, f.torque_us = T_en, f.t_us
 
 
 @compiled_without_allocation
@@ -194,7 +203,7 @@ def let_engine_torque_age(f: Any, tuning: Any, seconds: float) -> None:
 def predict(
     f: Any, tables: Tables, tuning: Any, phase_1: int, phase_2: int, brakes: bool, stands: bool, t_us: int
 ) -> None:
-    """Carry the state to ``t_us`` (to the nearest finest step) at the last T_en."""
+    """Carry the state to ``t_us`` (to the nearest finest step)."""
     rest = t_us - f.t_us + FINEST_US // 2
     seconds = max(rest // FINEST_US, 0) * FINEST_US * 1e-6
     decide_rates(f, tuning, phase_1, phase_2, seconds)
@@ -206,16 +215,29 @@ def predict(
             rest -= _STEPS[step]
             f.t_us += _STEPS[step]
             model = first + (2 if f.drives[0] else 0) + (1 if f.drives[1] else 0)
-            _advance(f, tables, model, step, q)
+            _advance(f, tables, model, step, q, follow_torque(f, tuning, _STEPS[step] * 1e-6))
 
 
 @compiled_without_allocation
-def _advance(f: Any, tables: Tables, model: int, step: int, q: tuple[float, float, float, float, float]) -> None:
+def follow_torque(f: Any, tuning: Any, h: float) -> float:
+    """Let the engine follow what the bus told for a step of h seconds; return its mean torque in it, N·m."""
+    if tuning.engine_lag == 0.0:
+        return float(f.T_en)
+    share = -math.expm1(-h / tuning.engine_lag)
+    behind = f.T_en - f.told
+    f.T_en -= share * behind
+    return float(f.told + behind * share * tuning.engine_lag / h)
+
+
+@compiled_without_allocation
+def _advance(
+    f: Any, tables: Tables, model: int, step: int, q: tuple[float, float, float, float, float], T_en: float
+) -> None:
     """x ← F x + b T_en, P ← F P Fᵀ + Q; q of `process_noise`."""
     tape.predicted(f.tape, model, step)
     phi, per_s = tables.phi, 1e6 / _STEPS[step]
     for i in range(N):
-        value = tables.input[model, step, i] * f.T_en
+        value = tables.input[model, step, i] * T_en
         for j in range(N):
             f.scratch[i, j] = 0.0
         for k in range(N):

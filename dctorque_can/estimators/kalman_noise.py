@@ -18,7 +18,7 @@ _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _RECENT = 0.2  # s, over which a change is one that has just happened
 _LEAST_TYRE_TORQUE = 15.0  # N·m/√s
 _SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
-_SLIDING_TIME = 2.0  # s
+_ACCELERATION_TIME = 0.5  # s, for which an acceleration lasts, as far as errors of timing go
 _DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
 
 
@@ -76,6 +76,9 @@ def admit_parameter_errors(f: Any, tuning: Any, seconds: float) -> None:
 
     A torque that changes by ΔT leaves a twist wrong by s ΔT/k if the stiffness is wrong by the share s, and so for
     the others. The change is that of the last moments; a step of ΔT adds (s ΔT)² in all.
+
+    Speeds that are sampled at times further apart than is known are apart by a constant while the car accelerates,
+    and the twist between them would run away with it.
     """
     share = min(seconds / _RECENT, 1.0)
     grow = 2.0 * share * tuning.parameter_error**2
@@ -85,8 +88,8 @@ def admit_parameter_errors(f: Any, tuning: Any, seconds: float) -> None:
     change = tuning.J_e * f.rate[W_E] - f.recent_inertial
     f.recent_inertial += share * change
     f.P[DT_E, DT_E] += grow * change * change
-    slide = tuning.timing_error * f.rate[W_B]
-    f.P[TH_O, TH_O] += 2.0 * _SLIDING_TIME * slide * slide * seconds
+    apart = tuning.timing_error * f.rate[W_B]
+    f.P[TH_O, TH_O] += 2.0 * _ACCELERATION_TIME * apart * apart * seconds
     for i in range(4):
         change = f.x[TH_D + i] - f.recent_twist[i]
         f.recent_twist[i] += share * change

@@ -33,6 +33,7 @@ TUNING = np.dtype(
         ("patience_us", "i8"),  # … until one has not been for so long
         ("engine_error", "f8"),  # N·m, at no torque
         ("engine_share", "f8"),  # … and by how much it grows with the torque
+        ("engine_lag", "f8"),  # s, of the engine behind its nominal torque
         ("engine_delay", "f8"),  # rad/s per N·m, what a change that comes late does to the engine speed
         ("parameter_error", "f8"),  # relative, of mass, inertias and stiffnesses
         ("acceleration_error", "f8"),  # m/s²
@@ -85,6 +86,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["timing_error"] = design.timing_error_s
     t["engine_error"] = design.engine_torque_error_nm
     t["engine_share"] = design.engine_torque_error_share
+    t["engine_lag"] = design.engine_torque_lag_s
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
     t["parameter_error"] = design.parameter_error_share
     t["acceleration_error"] = design.acceleration_error_m_s2
