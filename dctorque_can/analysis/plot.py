@@ -1,4 +1,4 @@
-"""One drive as a picture: speeds, both clutch torques and the output torque over time."""
+"""One drive as a picture: speeds, both clutch torques and the output torque over time, with their 95 % bands."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ RPM = 60 / (2 * np.pi)
 _TRUE = {"color": "0.62", "linewidth": 2.6, "label": "true"}
 _ESTIMATED = {"linewidth": 1.0, "label": "estimated"}
 _COLOURS = ("#1f6fb4", "#c8501e", "#2f7d32")
+_BAND_95 = 1.96  # standard deviations
 
 
 def drive_figure(estimates: NDArray[np.void], truth: NDArray[np.void] | None, title: str) -> Figure:
@@ -41,14 +42,17 @@ def drive_figure(estimates: NDArray[np.void], truth: NDArray[np.void] | None, ti
     seconds = (estimates["t_us"] - start) / 1e6
     _speeds(axes[0], seconds, estimates)
     panels = (
-        ("clutch1_torque_nm", "Clutch 1 torque [N·m]"),
-        ("clutch2_torque_nm", "Clutch 2 torque [N·m]"),
-        ("output_torque_nm", "Output torque [N·m]"),
+        ("clutch1", "Clutch 1 torque [N·m]"),
+        ("clutch2", "Clutch 2 torque [N·m]"),
+        ("output", "Output torque [N·m]"),
     )
-    for axis, (field, label), colour in zip(axes[1:], panels, _COLOURS, strict=True):
+    for axis, (name, label), colour in zip(axes[1:], panels, _COLOURS, strict=True):
+        torque, sigma = estimates[f"{name}_torque_nm"], estimates[f"{name}_sigma_nm"]
         if truth is not None:
-            axis.plot((truth["t_us"] - start) / 1e6, truth[field], **_TRUE)
-        axis.plot(seconds, estimates[field], color=colour, **_ESTIMATED)
+            axis.plot((truth["t_us"] - start) / 1e6, truth[f"{name}_torque_nm"], **_TRUE)
+        axis.plot(seconds, torque, color=colour, **_ESTIMATED)
+        if sigma.any():
+            _band(axis, seconds, torque, sigma, colour)
         axis.set_ylabel(label)
         axis.legend(loc="upper right", fontsize=9, framealpha=0.9)
     for axis in axes:
@@ -56,6 +60,18 @@ def drive_figure(estimates: NDArray[np.void], truth: NDArray[np.void] | None, ti
         axis.margins(x=0)
     axes[-1].set_xlabel("Time [s]")
     return figure
+
+
+def _band(
+    axis: Axes, seconds: NDArray[np.float64], torque: NDArray[np.float64], sigma: NDArray[np.float64], colour: str
+) -> None:
+    """Shade the 95 % band; the torques alone decide what the axis shows."""
+    shown = axis.get_ylim()
+    half = _BAND_95 * sigma
+    axis.fill_between(
+        seconds, torque - half, torque + half, color=colour, alpha=0.25, linewidth=0, label="95 % band"
+    )
+    axis.set_ylim(shown)
 
 
 def _speeds(axis: Axes, seconds: NDArray[np.float64], estimates: NDArray[np.void]) -> None:

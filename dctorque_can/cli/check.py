@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from dctorque_can.config.problems import Problem
 
 NO_ESTIMATE = "no valid estimate"
+BRIDGED = "no valid estimate after half a second"
 AXLE = "other wheel of the axle"
 PHASE = "validity: clutch counts as closed"
 RECORDED = "nothing (recorded only)"
@@ -46,7 +47,12 @@ LOST = {
     "grade": RECORDED,
     "brake": "mark of braking between clutches",
 }
-"""What is lost while an input is stale or missing, by quantity."""
+"""What is lost while an input is stale or missing, by quantity, with the 2014 observer."""
+
+LOST_WITH_KALMAN = {name: BRIDGED for name, lost in LOST.items() if lost == NO_ESTIMATE} | {
+    "brake": "allowance for what the brakes do"
+}
+"""What is another loss with the Kalman filter, whose model stands in for a while."""
 
 PAGE_WIDTH = 160  # of a file or a pipe
 COLUMNS: dict[str, tuple[tuple[Literal["left", "right"], bool], int]] = {
@@ -84,30 +90,43 @@ def check(
         loaded = load_config(path, overrides)
     except ConfigError as error:
         if as_json:
-            print_json(_report(str(path), "", error.problems, []))
+            print_json(_report(str(path), error.problems, None))
         else:
             _show_problems(error.problems)
             say(f"{path}: {_counted(error.problems)}")
         raise typer.Exit(ExitCode.ERROR) from error
-    rows = _rows(loaded)
     if as_json:
-        print_json(_report(str(path), loaded.name, loaded.warnings, rows))
+        print_json(_report(str(path), loaded.warnings, loaded))
         return
     _show_problems(loaded.warnings)
-    _show(loaded, rows)
+    _show(loaded, _rows(loaded))
 
 
-def _report(file: str, name: str, problems: tuple[Problem, ...], rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _report(file: str, problems: tuple[Problem, ...], config: Config | None) -> dict[str, Any]:
+    """Return everything for scripts; ``config`` is None when it has errors."""
     errors = [problem.as_json() for problem in problems if problem.severity == "error"]
     warnings = [problem.as_json() for problem in problems if problem.severity == "warning"]
     return {
         "file": file,
-        "name": name,
+        "name": "" if config is None else config.name,
+        "method": "" if config is None else _method(config),
         "ok": not errors,
         "errors": errors,
         "warnings": warnings,
-        "inputs": rows,
+        "inputs": [] if config is None else _rows(config),
     }
+
+
+def _method(config: Config) -> str:
+    """Return the estimator as the vehicle file calls it."""
+    return config.settings.method.name.lower()
+
+
+def _lost(name: str, config: Config) -> str:
+    from dctorque_can.estimators.design import Method
+
+    with_kalman = LOST_WITH_KALMAN if config.settings.method is Method.KALMAN else {}
+    return with_kalman.get(name, LOST[name])
 
 
 def _show_problems(problems: tuple[Problem, ...]) -> None:
@@ -164,12 +183,12 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "timeout_ms": entry.input.timeout_us / 1000,
         "delay_ms": entry.input.delay_us / 1000,
         "protection": kinds,
-        "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else LOST[name],
+        "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else _lost(name, config),
     }
 
 
 def _missing_row(name: str, config: Config) -> dict[str, Any]:
-    lost = LOST[name]
+    lost = _lost(name, config)
     if name.startswith("gear") and config.settings.gear_inference is not None:
         lost = "nothing: inferred from the ratio of shaft to wheel speed"
     if name in ("shaft1_speed", "shaft2_speed"):  # only the method kalman lets them be missing
@@ -194,7 +213,8 @@ def _show(config: Config, rows: list[dict[str, Any]]) -> None:
         say(f"a wider terminal (or --json) shows {hidden}")
     files = ", ".join(name for name in config.documents)
     axle = config.settings.driven_axle.name.lower()
-    console.print(f"driven axle {axle}; {len(config.database.messages)} DBC messages; read: {files}", markup=False)
+    estimator = f"estimator {_method(config)}; driven axle {axle}"
+    console.print(f"{estimator}; {len(config.database.messages)} DBC messages; read: {files}", markup=False)
     console.print(f"{config.path}: {_counted(config.warnings)}", markup=False, soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""``dctorque design CONFIG``: gains of the observer, what it can see, how stable and how noisy it is."""
+"""``dctorque design CONFIG``: gains of the 2014 observer, what it can see, how stable and how noisy it is."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ def design(
     ] = 1000.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Judge the gains of the observer: poles, what cannot be observed, stability, noise against lag.
+    """Judge the gains of the 2014 observer: poles, what cannot be observed, stability, noise against lag.
 
-    Everything is computed from the vehicle file; nothing is simulated. Exit codes: 0 done, also when a condition
-    is violated, 1 error, 2 wrong usage.
+    Everything is computed from the vehicle file, whichever method it names; nothing is simulated. Exit codes:
+    0 done, also when a condition is violated, 1 error, 2 wrong usage.
     """
     if output is not None and output.suffix.lower() not in PLOT_FORMATS:
         known = ", ".join(PLOT_FORMATS)

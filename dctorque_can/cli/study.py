@@ -161,7 +161,7 @@ def _write(summary: StudySummary, folder: Path) -> dict[str, str]:
         plan = summary.study.plan
         title = (
             f"{summary.study.config.name}: {plan.drive} drive, {plan.profile} signals, {summary.used} cars\n"
-            "What moves the RMS error of the estimates"
+            f"What moves the RMS error of the method {summary.method}"
         )
         save_figure(sensitivity_figure([_panel(summary, torque) for torque in TORQUE_NAMES], title), plot)
         files["plot"] = plot

@@ -85,8 +85,8 @@ def _quantiles(summary: StudySummary) -> Table:
     plan = summary.study.plan
     failed = f", {len(summary.failed)} failed" if summary.failed else ""
     title = (
-        f"{summary.study.config.name}: RMS error [N·m], {plan.drive} drive, {plan.profile} signals, "
-        f"{plan.runs} runs{failed}"
+        f"{summary.study.config.name}: RMS error of {summary.method} [N·m], {plan.drive} drive, "
+        f"{plan.profile} signals, {plan.runs} runs{failed}"
     )
     table = Table(title=title, title_justify="left")
     table.add_column("Torque")
@@ -100,7 +100,8 @@ def _quantiles(summary: StudySummary) -> Table:
 
 def _ranking(summary: StudySummary) -> Table:
     """Return the change of the RMS error per factor and torque; chance in brackets."""
-    table = Table(title="Change of the RMS error over each factor's range [N·m]", title_justify="left")
+    title = f"Change of the RMS error of {summary.method} over each factor's range [N·m]"
+    table = Table(title=title, title_justify="left")
     table.add_column("Factor")
     for name in TORQUE_NAMES.values():
         table.add_column(name, justify="right")

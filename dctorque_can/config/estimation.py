@@ -251,8 +251,8 @@ class EstimatorSection(Section):
     """A longer silence of all inputs resets the observer, ms."""
     max_step_back_ms: Annotated[float, Field(ge=0, le=60_000)] = 100.0
     """A larger step of time backwards resets the observer, ms; smaller ones are taken as late frames."""
-    method: Literal["oh2014", "kalman"] = "oh2014"
-    """Which estimator gives the published torques: oh2014 or kalman."""
+    method: Literal["kalman", "oh2014"] = "kalman"
+    """Which estimator gives the published torques: kalman, or oh2014, the 2014 observer."""
     oh2014: Oh2014Section = Oh2014Section()
     """Design of the 2014 observer."""
     kalman: KalmanSection = KalmanSection()

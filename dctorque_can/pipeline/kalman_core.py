@@ -75,11 +75,12 @@ def seen_lately(core: Any, quantity: int) -> bool:
 @compiled_without_allocation
 def may_start(core: Any, rules: Any) -> bool:
     """Return whether all is there that a start needs: engine, gears, a wheel, and the shafts that the bus has."""
-    _, _, wheels, _, _ = wheel_speeds(core, rules)
+    known, w_d, wheels, _, _ = wheel_speeds(core, rules)
+    expects_gears = bool(rules.infer_gears) and known and abs(w_d) < oh2014.STANDSTILL
     complete = wheels and usable(core, ENGINE_SPEED) and usable(core, ENGINE_TORQUE)
     for i in range(2):
         complete &= usable(core, SPEED_1 + i) or not rules.mapped[SPEED_1 + i]
-        complete &= bool(core.gear_known[i]) or rules.infer_gears
+        complete &= bool(core.gear_known[i]) or expects_gears  # while unknown, gear 0 is not neutral
     return complete
 
 

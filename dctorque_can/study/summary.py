@@ -51,12 +51,18 @@ class StudySummary:
         pairs = zip(self.study.vary, self.sensitivities[torque].effects, strict=True)
         return sorted(pairs, key=lambda pair: -pair[1].change)
 
+    @property
+    def method(self) -> str:
+        """Name of the configured method, that of ``nominal``, ``rms`` and ``sensitivities``."""
+        return self.study.config.settings.method.name.lower()
+
     def as_json(self) -> dict[str, Any]:
         """Return the summary for scripts."""
         plan = self.study.plan
         return {
             "study": str(self.study.path),
             "vehicle": self.study.config.name,
+            "method": self.method,
             **{name: getattr(plan, name) for name in ("drive", "duration_s", "profile", "runs", "seed")},
             "identity": self.study.identity(),
             "used": self.used,

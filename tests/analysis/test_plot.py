@@ -29,6 +29,21 @@ def test_every_panel_has_a_name_and_a_unit(estimates: np.ndarray) -> None:
     np.testing.assert_array_equal(true.get_ydata(), np.arange(100))
 
 
+def test_a_band_is_drawn_where_the_estimator_states_one(estimates: np.ndarray) -> None:
+    """1.96 σ on both sides of the estimate, however wide it is at the start, within the scale of the torques."""
+    plain = drive_figure(estimates, estimates, "a drive").axes[1]
+    assert not plain.collections
+    estimates["clutch1_sigma_nm"] = 2.0
+    estimates["clutch1_sigma_nm"][0] = 1e4
+    axis = drive_figure(estimates, estimates, "a drive").axes[1]
+    (band,) = axis.collections
+    (outline,) = band.get_paths()
+    at_half_a_second = outline.vertices[np.isclose(outline.vertices[:, 0], 0.5), 1]
+    assert sorted(at_half_a_second) == pytest.approx([50 - 3.92, 50 + 3.92])
+    assert axis.get_ylim() == plain.get_ylim()
+    assert "95 % band" in [text.get_text() for text in axis.get_legend().get_texts()]
+
+
 def test_a_picture_is_written_without_truth_too(estimates: np.ndarray, tmp_path: Path) -> None:
     save_figure(drive_figure(estimates, None, "a drive"), tmp_path / "drive.png")
     assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")

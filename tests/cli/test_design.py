@@ -83,6 +83,12 @@ def test_the_gains_follow_the_file(dctorque) -> None:
     assert not checks["learned road load: l_3 T_road > 1"]
 
 
+def test_it_is_about_the_observer_whatever_estimates(dctorque) -> None:
+    methods = ("oh2014", "kalman")
+    observer, other = (found(dctorque, PAPER, "--set", f"estimator.method={method}") for method in methods)
+    assert observer == other
+
+
 def test_an_unstable_design_is_told_and_has_no_noise(dctorque, tmp_path: Path) -> None:
     """Adaptation in 1 ms at samples of 10 ms: V̇ ≤ 0 still holds, the sampled form grows."""
     wild = ("--set", "estimator.oh2014.adaptation_time_s=0.001", "--set", "estimator.oh2014.leakage_time_s=600")

@@ -56,7 +56,14 @@ def test_three_runs_then_more(dctorque, tmp_path: Path) -> None:
 
     shown = dctorque("study", study(tmp_path), "-o", "three", "--runs", 12)
     assert "all 12 runs are there already" in shown.err
-    for text in ("RMS error [N·m]", "nominal", "95 %", "clutch 1", "engine_torque_offset_nm", "sensitivity.png"):
+    for text in (
+        "RMS error of kalman [N·m]",
+        "nominal",
+        "95 %",
+        "clutch 1",
+        "engine_torque_offset_nm",
+        "sensitivity.png",
+    ):
         assert text in shown.out
 
 

@@ -30,7 +30,18 @@ def test_a_good_file_shows_its_inputs() -> None:
     assert rows["gear2"][2] == "0→0 14→0 2→2 4→4"
     assert rows["grade"][1] == "not given"
     assert "no errors" in result.stdout
+    assert "estimator kalman; driven axle front" in result.stdout
     assert result.stderr == ""
+
+
+def test_the_method_is_named_and_what_it_does_without_an_input() -> None:
+    """The model of the Kalman filter bridges half a second; the 2014 observer holds at once."""
+    for method, lost in (("kalman", "no valid estimate after half a second"), ("oh2014", "no valid estimate")):
+        report = json.loads(run("paper_car", "--json", "--set", f"estimator.method={method}").stdout)
+        assert report["method"] == method
+        rows = {row["quantity"]: row["lost"] for row in report["inputs"]}
+        assert rows["engine_speed"] == rows["gear1"] == lost
+        assert rows["wheel_speed_fl"] == LOST["wheel_speed_fl"]
 
 
 def test_json_for_scripts() -> None:

@@ -150,7 +150,6 @@ def test_one_mistake_is_named(errors, changes, key, reason) -> None:
         "databases.0.file",
         "inputs.engine_speed",
         "inputs.engine_torque",
-        "inputs.shaft1_speed",
         "inputs.wheel_speeds",
         "gears.shaft2",
         "clutch_phase.clutch1.kissing_point",
@@ -160,6 +159,12 @@ def test_one_mistake_is_named(errors, changes, key, reason) -> None:
 def test_nothing_that_is_needed_has_a_silent_default(errors, removed, key) -> None:
     (problem,) = errors({key: removed})
     assert problem.key == key
+    assert problem.reason.startswith("missing")
+
+
+def test_the_2014_observer_needs_both_shafts(errors, removed) -> None:
+    (problem,) = errors({"inputs.shaft1_speed": removed, "estimator.method": "oh2014"})
+    assert problem.key == "inputs.shaft1_speed"
     assert problem.reason.startswith("missing")
 
 

@@ -77,16 +77,11 @@ def test_a_cut_off_log_is_used_as_far_as_it_goes(log: Path, config: Config, tmp_
     np.testing.assert_array_equal(estimates, read_table(tmp_path / "whole.mcap", ESTIMATES)[: len(estimates)])
 
 
-@pytest.fixture
-def kalman(config: Config) -> Config:
-    return load_documents(config.documents, {"estimator.method": "kalman"})
-
-
-def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, kalman: Config, tmp_path: Path) -> None:
+def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, config: Config, tmp_path: Path) -> None:
     """Rows at the times of the online ones, less wrong and surer; the same frames, signals and health."""
     content = ReplayContent(frames=True, signals=True, truth=True)
-    online = run([log], kalman, tmp_path / "online.mcap", content)
-    result = run([log], kalman, tmp_path / "smoothed.mcap", replace(content, smooth=True))
+    online = run([log], config, tmp_path / "online.mcap", content)
+    result = run([log], config, tmp_path / "smoothed.mcap", replace(content, smooth=True))
     assert (online.smoothed, result.smoothed) == (False, True)
     assert result.errors is not None
     assert online.errors is not None
@@ -115,7 +110,7 @@ def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, kalman:
 
 
 def test_smoothing_goes_over_all_parts_of_a_recording(
-    kalman: Config, drive: SimulatedDrive, tmp_path: Path
+    config: Config, drive: SimulatedDrive, tmp_path: Path
 ) -> None:
     names = ("whole", "one", "two")
     whole, one, two = (tmp_path / f"{name}.mcap" for name in names)
@@ -124,46 +119,47 @@ def test_smoothing_goes_over_all_parts_of_a_recording(
     ):
         write_frames(path, frames)
     smooth = ReplayContent(smooth=True)
-    run([whole], kalman, tmp_path / "a.mcap", smooth)
-    run([one, two], kalman, tmp_path / "b.mcap", smooth)
-    run([one], kalman, tmp_path / "c.mcap", smooth)
+    run([whole], config, tmp_path / "a.mcap", smooth)
+    run([one, two], config, tmp_path / "b.mcap", smooth)
+    run([one], config, tmp_path / "c.mcap", smooth)
     a, b, c = (read_table(tmp_path / f"{name}.mcap", ESTIMATES) for name in "abc")
     assert a.tobytes() == b.tobytes()
     assert a[: len(c)].tobytes() != c.tobytes()  # it stands on both parts
 
 
-def test_a_cut_off_log_is_smoothed_as_far_as_it_goes(log: Path, kalman: Config, tmp_path: Path) -> None:
+def test_a_cut_off_log_is_smoothed_as_far_as_it_goes(log: Path, config: Config, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
-    part = run([cut], kalman, tmp_path / "part.mcap", ReplayContent(smooth=True))
+    part = run([cut], config, tmp_path / "part.mcap", ReplayContent(smooth=True))
     assert part.problems
     assert len(read_table(tmp_path / "part.mcap", ESTIMATES)) == part.estimates > 0
 
 
 def test_a_log_without_a_known_frame_has_nothing_to_smooth(
-    kalman: Config, drive: SimulatedDrive, tmp_path: Path
+    config: Config, drive: SimulatedDrive, tmp_path: Path
 ) -> None:
     strange = replace(drive.frames[:50], can_id=drive.frames.can_id[:50] + np.uint32(0x400))
     for name, frames in (("strange", strange), ("empty", drive.frames[:0])):
         write_frames(tmp_path / f"{name}.mcap", frames)
-        result = run([tmp_path / f"{name}.mcap"], kalman, tmp_path / "out.mcap", ReplayContent(smooth=True))
+        result = run([tmp_path / f"{name}.mcap"], config, tmp_path / "out.mcap", ReplayContent(smooth=True))
         assert (result.frames, result.estimates) == (len(frames), 0)
 
 
 @pytest.mark.parametrize("smooth", [False, True])
 def test_truth_without_a_frame_is_one_clear_error(
-    kalman: Config, drive: SimulatedDrive, tmp_path: Path, smooth: bool
+    config: Config, drive: SimulatedDrive, tmp_path: Path, smooth: bool
 ) -> None:
-    write_log(kalman, replace(drive, frames=drive.frames[:0]), tmp_path / "empty.mcap")
+    write_log(config, replace(drive, frames=drive.frames[:0]), tmp_path / "empty.mcap")
     with pytest.raises(DctorqueError, match="there is nothing to compare"):
-        run([tmp_path / "empty.mcap"], kalman, tmp_path / "out.mcap", ReplayContent(truth=True, smooth=smooth))
+        run([tmp_path / "empty.mcap"], config, tmp_path / "out.mcap", ReplayContent(truth=True, smooth=smooth))
 
 
 def test_the_2014_observer_is_not_smoothed_and_nothing_is_written(
     log: Path, config: Config, tmp_path: Path
 ) -> None:
+    observer = load_documents(config.documents, {"estimator.method": "oh2014"})
     with pytest.raises(DctorqueError, match=r"oh2014.*estimator\.method=kalman"):
-        run([log], config, tmp_path / "out.mcap", ReplayContent(smooth=True))
+        run([log], observer, tmp_path / "out.mcap", ReplayContent(smooth=True))
     assert not (tmp_path / "out.mcap").exists()
 
 

@@ -6,14 +6,16 @@ from itertools import pairwise
 import numpy as np
 
 from dctorque_can.config.load import load_config
+from dctorque_can.estimators.design import Method
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
 from dctorque_can.resources import shipped_config
 
 SHIPPED = load_config(shipped_config("paper_car")).settings
-SETTINGS = replace(
+SETTINGS = replace(  # of the 2014 observer, whose torques follow from its poles by hand
     SHIPPED,
+    method=Method.OH2014,
     estimate_period_us=1000,
     observer=replace(  # the slowest is 65 rad/s: settled after 5/65 s
         SHIPPED.observer,
@@ -23,6 +25,7 @@ SETTINGS = replace(
         acceleration_bandwidth_rad_s=200.0,
     ),
 )
+BY_METHOD = {method: replace(SETTINGS, method=method) for method in Method}
 VEHICLE = SETTINGS.vehicle
 R = {gear.number: gear.total_ratio for gear in VEHICLE.gears}
 EFFICIENCY = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency

@@ -15,7 +15,13 @@ from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Input, Samples, SampleStatus
 from dctorque_can.pipeline.settings import DrivenAxle, GearInference
 
-from .drives import SETTINGS, VEHICLE, Q, R, samples, traffic
+from .drives import BY_METHOD, SETTINGS, VEHICLE, Q, R, samples, traffic
+
+with_either = pytest.mark.parametrize(
+    "settings", BY_METHOD.values(), ids=lambda settings: settings.method.name.lower()
+)
+"""For rules that hold whatever the method; a σ of zero is that of the 2014 observer. `test_kalman` has the random
+traffic of the filter."""
 
 
 def locked_in_first(torque=100.0):
@@ -53,19 +59,21 @@ def locked_in_first(torque=100.0):
     return values, T_c, T_o
 
 
-def test_locked_drive_gives_the_closed_form():
+@with_either
+def test_locked_drive_gives_the_closed_form(settings):
     values, T_c, T_o = locked_in_first()
-    estimator = Estimator(SETTINGS)
+    estimator = Estimator(settings)
     row = estimator.feed(traffic(3.0, values)).rows[-1]
-    assert row["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.2)
-    assert row["clutch2_torque_nm"] == 0.0
+    assert row["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.2 + 2.0 * row["clutch1_sigma_nm"])
+    assert abs(row["clutch2_torque_nm"]) <= 2.0 * row["clutch2_sigma_nm"]
     assert row["output_torque_adaptive_nm"] == pytest.approx(T_o, rel=0.01)
     assert Status(int(row["status"])) & Status.CLUTCH1_VALID
     assert (row["phase1"], row["phase2"]) == (ClutchPhase.LOCKED, ClutchPhase.OPEN)
     assert (row["gear1"], row["gear2"]) == (1, 2)
 
 
-def test_both_clutches_are_told_apart():
+@with_either
+def test_both_clutches_are_told_apart(settings):
     """Clutch 1 and 2 slip together and carry known torques; steady speeds make (65), (66) exact."""
     T_1, T_2 = 30.0, 60.0
     values, _, _ = locked_in_first()
@@ -83,12 +91,12 @@ def test_both_clutches_are_told_apart():
             Q.CLUTCH2_POSITION: 6.0,
         }
 
-    estimator = Estimator(SETTINGS)
+    estimator = Estimator(settings)
     estimator.feed(traffic(4.0, single))
     row = estimator.feed(traffic(4.0, both, start_us=4_000_000)).rows[-1]
-    assert row["clutch1_torque_nm"] == pytest.approx(T_1, abs=1.5)
-    assert row["clutch2_torque_nm"] == pytest.approx(T_2, abs=1.5)
-    assert row["output_torque_nm"] == pytest.approx(T_o, rel=0.02)
+    assert row["clutch1_torque_nm"] == pytest.approx(T_1, abs=1.5 + 2.0 * row["clutch1_sigma_nm"])
+    assert row["clutch2_torque_nm"] == pytest.approx(T_2, abs=1.5 + 2.0 * row["clutch2_sigma_nm"])
+    assert row["output_torque_nm"] == pytest.approx(T_o, abs=0.02 * T_o + 2.0 * row["output_sigma_nm"])
 
 
 @st.composite
@@ -166,7 +174,8 @@ def test_wild_measurements_stay_finite(seed):
         assert np.isfinite(rows[name].astype(float)).all(), name
 
 
-def test_rejected_samples_change_nothing_but_counters():
+@with_either
+def test_rejected_samples_change_nothing_but_counters(settings):
     """Whatever fails its CRC, counter, length or range leaves the estimates bit for bit as they were."""
     values, _, _ = locked_in_first()
     data = traffic(1.0, values)
@@ -177,7 +186,7 @@ def test_rejected_samples_change_nothing_but_counters():
     mixed_rows = sorted(
         [*zip(data.t_us, data.quantity, data.value, data.status, data.last, strict=True), *bad], key=lambda r: r[0]
     )
-    clean, dirty = Estimator(SETTINGS), Estimator(SETTINGS)
+    clean, dirty = Estimator(settings), Estimator(settings)
     assert clean.feed(data).rows.tobytes() == dirty.feed(samples(mixed_rows)).rows.tobytes()
     health = dirty.health[0]
     counted = sum(
@@ -206,9 +215,10 @@ def test_engine_torque_missing():
     assert rows[-1]["status"] & Status.CLUTCH1_VALID
 
 
-def test_frame_gap_of_two_seconds_resets_once():
+@with_either
+def test_frame_gap_of_two_seconds_resets_once(settings):
     values, T_c, _ = locked_in_first()
-    estimator = Estimator(SETTINGS)
+    estimator = Estimator(settings)
     estimator.feed(traffic(1.0, values))
     rows = estimator.feed(traffic(1.0, values, 3_000_000)).rows
     assert int(estimator.health["gap_resets"][0]) == 1
@@ -216,9 +226,10 @@ def test_frame_gap_of_two_seconds_resets_once():
     assert rows[-1]["clutch1_torque_nm"] == pytest.approx(T_c, rel=0.1)
 
 
-def test_clock_step_back_resets_once_and_goes_on():
+@with_either
+def test_clock_step_back_resets_once_and_goes_on(settings):
     values, _, _ = locked_in_first()
-    estimator = Estimator(SETTINGS)
+    estimator = Estimator(settings)
     estimator.feed(traffic(1.0, values, 3_600_000_000))
     rows = estimator.feed(traffic(1.0, values, 0)).rows
     assert int(estimator.health["clock_resets"][0]) == 1
@@ -226,24 +237,26 @@ def test_clock_step_back_resets_once_and_goes_on():
     assert rows[-1]["status"] & Status.CLUTCH1_VALID
 
 
-def test_frames_slightly_out_of_order_are_late_not_lost():
+@with_either
+def test_frames_slightly_out_of_order_are_late_not_lost(settings):
     values, T_c, _ = locked_in_first()
     data = traffic(2.0, values)
     order = np.arange(len(data))
     first = np.flatnonzero(data.quantity == Q.WHEEL_SPEED_FL)[10]
     order[first - 4 : first + 4] = np.roll(order[first - 4 : first + 4], 4)  # two frames change places
-    estimator = Estimator(SETTINGS)
+    estimator = Estimator(settings)
     rows = estimator.feed(data[order]).rows
     assert int(estimator.health["late_frames"][0]) >= 1
     assert (np.diff(rows["t_us"]) >= 0).all()
-    assert rows[-1]["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.3)
+    assert rows[-1]["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.3 + 2.0 * rows[-1]["clutch1_sigma_nm"])
 
 
-def test_stale_input_is_counted_once():
+@with_either
+def test_stale_input_is_counted_once(settings):
     values, _, _ = locked_in_first()
     data = traffic(2.0, values)
     wheels = (data.quantity >= Q.WHEEL_SPEED_FL) & (data.quantity <= Q.WHEEL_SPEED_RR)
-    estimator = Estimator(SETTINGS)
+    estimator = Estimator(settings)
     estimator.feed(data[~(wheels & (data.t_us > 1_000_000))])
     assert int(estimator.health["timeouts"][0][Q.WHEEL_SPEED_RL]) == 1
 
@@ -252,6 +265,7 @@ def inputs_with(*quantities):
     return (*SETTINGS.inputs, *(Input(q, (), -1e6, 1e6, 200_000) for q in quantities))
 
 
+@with_either
 @pytest.mark.parametrize(
     ("source", "quantity", "open_value", "closed_value"),
     [
@@ -260,12 +274,12 @@ def inputs_with(*quantities):
         (PhaseSource.POSITION, Q.CLUTCH2_POSITION, 8.0, 2.0),  # a clutch that closes with falling position
     ],
 )
-def test_phase_from_any_source(source, quantity, open_value, closed_value):
+def test_phase_from_any_source(settings, source, quantity, open_value, closed_value):
     actuation = ClutchActuation(source, 5.0, 1.0, closes_increasing=False)
     settings = replace(
-        SETTINGS,
+        settings,
         inputs=inputs_with(quantity),
-        phases=replace(SETTINGS.phases, clutches=(SETTINGS.phases.clutches[0], actuation)),
+        phases=replace(settings.phases, clutches=(settings.phases.clutches[0], actuation)),
     )
     values, _, _ = locked_in_first()
     rows = []
@@ -285,26 +299,28 @@ def test_phase_from_any_source(source, quantity, open_value, closed_value):
     assert rows[1]["phase2"] == ClutchPhase.SLIPPING
 
 
-def test_position_has_hysteresis():
+@with_either
+def test_position_has_hysteresis(settings):
     """Noise around the kissing point must not make the phase flicker."""
-    actuation = SETTINGS.phases.clutches[1]
+    actuation = settings.phases.clutches[1]
     values, _, _ = locked_in_first()
     wiggle = 0.45 * actuation.hysteresis
 
     def noisy(t):
         return values(t) | {Q.CLUTCH2_POSITION: actuation.threshold + wiggle * (-1) ** int(t * 100)}
 
-    rows = Estimator(SETTINGS).feed(traffic(1.0, noisy)).rows
+    rows = Estimator(settings).feed(traffic(1.0, noisy)).rows
     assert len(np.unique(rows["phase2"][rows["t_us"] > 100_000])) == 1
 
 
-def test_gears_from_speed_ratios():
+@with_either
+def test_gears_from_speed_ratios(settings):
     """Without gear signals the ratio of shaft to driven wheels tells them, also while clutch 2's gear changes."""
     inference = GearInference(0.02, 0.05, 60_000, 3.0)
     settings = replace(
-        SETTINGS,
+        settings,
         gear_inference=inference,
-        inputs=tuple(i for i in SETTINGS.inputs if i.quantity not in (Q.GEAR1, Q.GEAR2)),
+        inputs=tuple(i for i in settings.inputs if i.quantity not in (Q.GEAR1, Q.GEAR2)),
     )
     values, T_c, _ = locked_in_first()
 
@@ -318,11 +334,14 @@ def test_gears_from_speed_ratios():
     rows = Estimator(settings).feed(traffic(3.0, without_signals)).rows
     at = {ms: rows[np.searchsorted(rows["t_us"], ms * 1000)] for ms in (900, 1300, 2900)}
     assert [(int(r["gear1"]), int(r["gear2"])) for r in at.values()] == [(1, 2), (1, 0), (1, 2)]
-    assert at[2900]["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.5)
+    assert at[2900]["clutch1_torque_nm"] == pytest.approx(T_c, abs=0.5 + 2.0 * at[2900]["clutch1_sigma_nm"])
 
 
 def test_gear_change_on_the_free_shaft_leaves_the_other_clutch_alone():
-    """Shaft 1 goes from first to third while clutch 2 drives; its old speed must not be read as twist."""
+    """Shaft 1 goes from first to third while clutch 2 drives; its old speed must not be read as twist.
+
+    Of the 2014 observer: the filter rightly misses what a synchroniser would take from the wheels.
+    """
     values, _, _ = locked_in_first()
 
     def changing(t):
@@ -339,9 +358,10 @@ def test_gear_change_on_the_free_shaft_leaves_the_other_clutch_alone():
     assert np.ptp(around["clutch2_torque_nm"]) < 2.0
 
 
-def test_wrong_gear_signal_is_implausible():
+@with_either
+def test_wrong_gear_signal_is_implausible(settings):
     values, _, _ = locked_in_first()
-    rows = Estimator(SETTINGS).feed(traffic(2.0, lambda t: values(t) | {Q.GEAR1: 3})).rows
+    rows = Estimator(settings).feed(traffic(2.0, lambda t: values(t) | {Q.GEAR1: 3})).rows
     assert rows[-1]["status"] & Status.SPEED_IMPLAUSIBLE
     assert not rows[-1]["status"] & Status.CLUTCH1_VALID
 

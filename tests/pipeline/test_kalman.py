@@ -14,19 +14,19 @@ from dctorque_can.estimators.design import Method
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
+from dctorque_can.pipeline.settings import GearInference
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import PAPER, simulate
 from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, emit_frames
 
 from .drives import SETTINGS as HAND_MADE
-from .drives import cruise, samples, traffic
+from .drives import R, cruise, samples, traffic
 
-CONFIG = load_config(shipped_config("paper_car"), {"estimator.method": "kalman"})
+CONFIG = load_config(shipped_config("paper_car"))
 LABORATORY_SETTINGS = CONFIG.settings
-PRODUCTION_SETTINGS = load_config(  # the demo car with the default design: no key of estimator.kalman is its own
-    shipped_config("avante_dct7"), {"estimator.method": "kalman"}
-).settings
-PRODUCTION_SETTINGS = replace(LABORATORY_SETTINGS, kalman=PRODUCTION_SETTINGS.kalman)
+PRODUCTION_SETTINGS = replace(  # the demo car with the default design: no key of estimator.kalman is its own
+    LABORATORY_SETTINGS, kalman=load_config(shipped_config("avante_dct7")).settings.kalman
+)
 TORQUES = ("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm")
 SIGMAS = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm")
 Q = Quantity
@@ -256,6 +256,33 @@ def test_rare_gears_within_their_timeout_are_enough():
     )
     settled = rows["t_us"] > 3_000_000
     assert ((rows["status"][settled] & int(Status.CONVERGED)) != 0).all()
+
+
+@pytest.mark.parametrize("begin_s", [0.0, 60.0])
+def test_it_waits_for_gears_that_must_show_first(begin_s):
+    """Started (or started anew after a gap) on the move without gear signals: no row says that gear 1 is neutral.
+
+    Clutch 1 carries 60 N·m; read as neutral that would be an error of the engine torque, for many seconds.
+    """
+    ours = replace(
+        HAND_MADE,
+        method=Method.KALMAN,
+        gear_inference=GearInference(0.02, 0.05, 60_000, 3.0),
+        inputs=tuple(i for i in HAND_MADE.inputs if i.quantity not in (Q.GEAR1, Q.GEAR2)),
+    )
+
+    def moving(t):
+        return {q: v for q, v in cruise(60.0).items() if q not in (Q.GEAR1, Q.GEAR2)}
+
+    estimator = Estimator(ours)
+    if begin_s:
+        third = {Q.SHAFT1_SPEED: 20.0 * R[3], Q.ENGINE_SPEED: 40.0 + 20.0 * R[3]}
+        estimator.feed(traffic(1.0, lambda t: moving(t) | third))
+    rows = estimator.feed(traffic(1.0, moving, round(begin_s * 1e6))).rows
+    valid = (rows["status"] & int(Status.CLUTCH1_VALID)) != 0
+    assert valid[-1]
+    assert (np.abs(rows["clutch1_torque_nm"] - 60.0)[valid] <= 3.0 * rows["clutch1_sigma_nm"][valid]).all()
+    assert not (rows["status"] & int(Status.ENGINE_TORQUE_FAULT)).any()
 
 
 def test_a_gap_starts_the_filter_anew():

@@ -22,7 +22,7 @@ from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, emit_frames
 from .drives import SETTINGS as HAND_MADE
 from .drives import cruise, samples, traffic
 
-CONFIG = load_config(shipped_config("paper_car"), {"estimator.method": "kalman"})
+CONFIG = load_config(shipped_config("paper_car"))
 SETTINGS = CONFIG.settings
 SETTINGS = replace(SETTINGS, kalman=replace(SETTINGS.kalman, parameter_error_share=0.0))  # it is the very car
 PRODUCTION_DESIGN = load_config(shipped_config("avante_dct7")).settings.kalman

@@ -24,8 +24,9 @@ TORQUES = ("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm")
 
 
 def car(name: str, **design: object) -> Config:
-    """Return a shipped vehicle file with changed design numbers of the observer."""
+    """Return a shipped vehicle file with the 2014 observer, and changed design numbers of it."""
     changes = {DESIGN + key: str(value).lower() for key, value in design.items()}
+    changes["estimator.method"] = "oh2014"
     return load_config(shipped_config(name), changes)
 
 
