@@ -25,6 +25,7 @@ BRIDGED = "no valid estimate after half a second"
 AXLE = "other wheel of the axle"
 PHASE = "validity: clutch counts as closed"
 RECORDED = "nothing (recorded only)"
+HINT = "a weak measurement of the load"
 RESIDUAL = "residual of the clutch torque"
 LOST = {
     "engine_speed": NO_ESTIMATE,
@@ -50,7 +51,9 @@ LOST = {
 """What is lost while an input is stale or missing, by quantity, with the 2014 observer."""
 
 LOST_WITH_KALMAN = {name: BRIDGED for name, lost in LOST.items() if lost == NO_ESTIMATE} | {
-    "brake": "allowance for what the brakes do"
+    "acceleration": HINT,
+    "grade": HINT,
+    "brake": "allowance for what the brakes do; acceleration and grade",
 }
 """What is another loss with the Kalman filter, whose model stands in for a while."""
 

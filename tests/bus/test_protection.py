@@ -176,4 +176,4 @@ def test_the_shipped_databases_declare_their_protection():
     assert PROTECTIONS["EngineData"] == Protection(
         "EngineData", "EngineDataCounter", 15, 3, "e2e_p01", "EngineDataCrc", 0x100
     )
-    assert [each.data_id for each in declared_protections(DATABASE)] == [0x100, 0x110, 0x120, 0x130, 0x131]
+    assert [each.data_id for each in declared_protections(DATABASE)] == [0x100, 0x110, 0x120, 0x130, 0x131, 0x140]
