@@ -47,7 +47,8 @@ from dctorque_can.estimators.kalman_tuning import SPEEDS
 
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
-_LONGEST_RAMP_US = 50_000  # a longer silence was none
+_LONGEST_RAMP_US = 50_000
+_ENGINE = 0
 _OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
 _SIGNALS = 6  # the sensors and the nominal engine torque
@@ -93,6 +94,7 @@ FILTER = np.dtype(
         ("beyond", "i8", (_SENSORS,)),  # … and those that were not believed
         ("hint_us", "i8", (4,)),  # when each of `kalman_hints` was last given
         ("lagged_command", "f8", (2,)),  # N·m, as a clutch follows it
+        ("last_command", "f8", (2,)),  # … as it was given
         ("T_c1", "f8"),
         ("T_c2", "f8"),
         ("sigma_1", "f8"),  # standard deviations of what is published
@@ -179,12 +181,17 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
 def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
     """Take a new nominal engine torque: what has changed may be late, or not have happened.
 
-    Since the last one it has risen or fallen evenly, and was not held: half of the change is made up for.
+    Since the last one it has risen or fallen evenly, and was not held: half of the change is made up for, as far
+    as the engine speed has not told it. After a silence nothing is known of the time between.
     """
     change = T_en - f.told
     f.P[DT_E, DT_E] += (tuning.engine_share * change) ** 2
     f.P[W_E, W_E] += (tuning.engine_delay * change) ** 2
-    half = 0.5e-6 * min(f.t_us - f.torque_us, _LONGEST_RAMP_US)
+    half = 0.5e-6 * (f.t_us - f.torque_us)
+    if f.t_us - f.torque_us > _LONGEST_RAMP_US:
+        half = 0.0
+    elif not math.isnan(f.accepted[_ENGINE]):
+        half = min(half, 0.5e-6 * (f.t_us - f.accepted_us[_ENGINE]))
     if tuning.engine_lag == 0.0:
         f.x[W_E] += change * half / tuning.J_e
         f.T_en = T_en

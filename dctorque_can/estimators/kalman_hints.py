@@ -84,21 +84,23 @@ def time_since(f: Any, hint: int) -> float:
 def take_command(f: Any, tuning: Any, i: int, phase: int, command: float) -> None:
     """Take the commanded capacity of clutch i (0, 1): what it carries while it slips, at most while it is locked.
 
-    The clutch follows its command with a lag; the command that is on its way is part of the error.
+    The clutch follows its command with a lag; the command that is on its way is part of the error. A negative
+    command holds a clutch open.
     """
+    command = max(command, 0.0)
     seconds = time_since(f, COMMAND_1 + i)
+    if not math.isfinite(f.lagged_command[i]):
+        f.lagged_command[i] = f.last_command[i] = command
+    f.lagged_command[i] -= math.expm1(-seconds / tuning.command_lag) * (f.last_command[i] - f.lagged_command[i])
+    f.last_command[i] = command
     lagged = f.lagged_command[i]
-    if not math.isfinite(lagged):
-        lagged = command
-    lagged += (1.0 - math.exp(-seconds / tuning.command_lag)) * (command - lagged)
-    f.lagged_command[i] = lagged
     torque, slip = f.x[T_C1 + i], f.x[W_E] - f.x[W_C1 + i]
-    error = tuning.command_error + tuning.command_share * abs(lagged)
+    error = tuning.command_error + tuning.command_share * lagged
     variance = error * error + (command - lagged) ** 2
     if phase == _SLIPPING and abs(slip) > SLIDING:
-        z = math.copysign(abs(lagged), slip)
-    elif phase == _LOCKED and abs(torque) > max(abs(lagged), abs(command)) + error:
-        z = math.copysign(max(abs(lagged), abs(command)), torque)
+        z = math.copysign(lagged, slip)
+    elif phase == _LOCKED and abs(torque) > max(lagged, command) + error:
+        z = math.copysign(max(lagged, command), torque)
     else:
         return
     e = z - torque

@@ -60,7 +60,8 @@ class Arrivals:
                 np.concatenate([getattr(part, name) for part in parts]) for name in Samples.__slots__
             )
             wanted = np.concatenate([np.full(len(samples), is_due) for samples, is_due in stretch])
-            frame = np.cumsum(last) - last  # number of the frame, from 0
+            ends = last & ~wanted
+            frame = np.where(wanted, -1, np.cumsum(ends) - ends)  # number of the frame, from 0
             t_us = np.where(wanted, t_us, t_us - self._delay_us[quantity])
             order = np.lexsort((wanted, t_us))  # stable: else as they arrived
             t_us, frame = t_us[order], frame[order]

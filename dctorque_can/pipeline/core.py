@@ -357,10 +357,13 @@ def run(
             count_sample(health, quantity, status)
             if status == SampleStatus.OK and rules.longest_delay_us == 0:
                 keep_value(core, quantity, values[k])
-            elif status == SampleStatus.OK:
+            elif status == SampleStatus.OK or status == SampleStatus.NOT_AVAILABLE:
                 if queue.count == delays.PLACES:
                     take_oldest(now, rules, c, queue)
-                delays.place(queue, queue.frame_us - rules.delay_us[quantity], quantity, values[k])
+                samples = delays.place(queue, queue.frame_us - rules.delay_us[quantity])
+                if status == SampleStatus.OK:
+                    samples.there[quantity] = True
+                    samples.value[quantity] = values[k]
         sound = lasts[k] and core.frame_ok
         if sound:
             core.frame_ok = False
@@ -376,6 +379,7 @@ def run(
         shown = now
         if rules.longest_delay_us > 0:
             look_ahead(now, ahead, rules, c, queue)
+            delays.count_timeouts(queue, ahead.core[0], health)
             shown = ahead
         f = shown.kalman.state[0]
         if estimate_due:
@@ -387,6 +391,6 @@ def run(
             n_rows += 1
         if health_due:
             core.health_us = present_us
-            report(shown.core[0], shown.health[0], f, health_rows[n_health])
+            report(shown.core[0], health, now.kalman.state[0], health_rows[n_health])
             n_health += 1
     return n_rows, n_health

@@ -158,7 +158,8 @@ def mark_stale(core: Any, rules: Any, health: Any) -> None:
         old = core.t_us - core.seen_us[quantity] > rules.timeout_us[quantity]
         if old and core.available[quantity] and not core.stale[quantity]:
             core.stale[quantity] = True
-            health.timeouts[quantity] += 1
+            if rules.longest_delay_us == 0:  # else when an estimate shows it
+                health.timeouts[quantity] += 1
 
 
 @compiled_without_allocation

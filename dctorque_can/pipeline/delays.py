@@ -38,6 +38,7 @@ QUEUE = np.dtype(
         ("frame", "i8"),  # its number
         ("first", "i8"),  # place of the oldest that waits
         ("count", "i8"),
+        ("stale", "u1", (N_QUANTITIES,)),  # inputs that were missing in the last estimate
         ("waiting", SAMPLES, (PLACES,)),  # in a ring
     ],
     align=True,
@@ -61,10 +62,10 @@ def note_frame(queue: Any, t_us: int) -> None:
 
 
 @compiled_without_allocation
-def place(queue: Any, t_us: int, quantity: int, value: float) -> None:
-    """Put a value of the frame at hand among those that wait; there must be room.
+def place(queue: Any, t_us: int) -> Any:
+    """Return what the frame at hand says of a time, among all that waits; there must be room.
 
-    It comes after all that were taken at the same time, beside those of the same frame.
+    It comes after all that were taken at the same time.
     """
     n = queue.count
     while n > 0 and queue.waiting[(queue.first + n - 1) % PLACES].t_us > t_us:
@@ -79,8 +80,16 @@ def place(queue: Any, t_us: int, quantity: int, value: float) -> None:
         samples.t_us, samples.frame = t_us, queue.frame
         for q in range(N_QUANTITIES):
             samples.there[q] = False
-    queue.waiting[at].there[quantity] = True
-    queue.waiting[at].value[quantity] = value
+    return queue.waiting[at]
+
+
+@compiled_without_allocation
+def count_timeouts(queue: Any, core: Any, health: Any) -> None:
+    """Count the inputs that are missing in an estimate and were not in the last one."""
+    for q in range(N_QUANTITIES):
+        if core.stale[q] and not queue.stale[q]:
+            health.timeouts[q] += 1
+        queue.stale[q] = core.stale[q]
 
 
 @compiled_without_allocation

@@ -94,8 +94,9 @@ class Estimator:
         return self._now.memory.copy()
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a `snapshot` of this estimator; the filter's tape stays."""
+        """Go back to a `snapshot` of this estimator; the filter's tape stays, samples that wait are dropped."""
         self._now.memory[:] = snapshot
+        self._queue["count"] = 0
 
     @property
     def health(self) -> NDArray[np.void]:
@@ -105,7 +106,7 @@ class Estimator:
         if self._rules["longest_delay_us"][0] > 0:
             shown = self._ahead
             core.look_ahead(self._now, shown, self._rules[0], self._constants[0], self._queue[0])
-        report(shown.core[0], shown.health[0], shown.kalman.state[0], row[0])
+        report(shown.core[0], self._now.health[0], self._now.kalman.state[0], row[0])
         return row
 
 

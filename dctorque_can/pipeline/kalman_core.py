@@ -65,10 +65,10 @@ def shaft_speed(core: Any, rules: Any, tuning: Any, i: int, w_w: float) -> float
 
 
 @compiled_without_allocation
-def seen_lately(core: Any, quantity: int) -> bool:
+def seen_lately(core: Any, rules: Any, quantity: int) -> bool:
     """Return whether an input has had a value within the time that the model bridges."""
     seen = core.seen_us[quantity]
-    lately = seen != NEVER and core.t_us - seen <= BRIDGED_US
+    lately = seen != NEVER and core.t_us - seen <= BRIDGED_US + rules.delay_us[quantity]
     return usable(core, quantity) or (bool(core.available[quantity]) and lately)
 
 
@@ -89,11 +89,11 @@ def may_go_on(core: Any, rules: Any) -> bool:
     """Return whether a running filter has seen all that it needs lately."""
     wheels = False
     for quantity in range(WHEEL, WHEEL + 4):
-        wheels |= seen_lately(core, quantity)
-    complete = wheels and seen_lately(core, ENGINE_SPEED) and seen_lately(core, ENGINE_TORQUE)
+        wheels |= seen_lately(core, rules, quantity)
+    complete = wheels and seen_lately(core, rules, ENGINE_SPEED) and seen_lately(core, rules, ENGINE_TORQUE)
     for i in range(2):
-        complete &= seen_lately(core, SPEED_1 + i) or not rules.mapped[SPEED_1 + i]
-        complete &= seen_lately(core, GEAR_1 + i) or rules.infer_gears
+        complete &= seen_lately(core, rules, SPEED_1 + i) or not rules.mapped[SPEED_1 + i]
+        complete &= seen_lately(core, rules, GEAR_1 + i) or rules.infer_gears
     return complete
 
 

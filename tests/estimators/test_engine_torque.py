@@ -59,12 +59,17 @@ def test_an_engine_with_a_lag_follows_a_step():
     assert 0.01 * sum(mean) == pytest.approx(100.0 * (0.08 - 0.08 * (1.0 - np.exp(-1.0))))
 
 
-def test_a_torque_after_a_silence_was_no_ramp():
-    """Only so much is made up for as a lost frame or two explain."""
+@pytest.mark.parametrize(
+    ("silence_us", "speed_us", "seconds"), [(20_000, None, 0.02), (20_000, 5_000, 0.005), (60_000, None, 0.0)]
+)
+def test_only_what_nothing_has_told_is_made_up_for(silence_us, speed_us, seconds):
+    """A speed has told of the time before it, and a torque after a silence was no ramp."""
     k, f = started(engine_torque_lag_s=0.0)
     before = f["x"][W_E]
-    f["t_us"] += 400_000
+    f["t_us"] += silence_us
+    if speed_us is not None:
+        f["accepted"][0], f["accepted_us"][0] = 100.0, f["t_us"] - speed_us
     kalman.take_engine_torque(f, k.tuning[0], 100.0)
-    most = 100.0 * 0.5 * 0.05 / SETTINGS.vehicle.engine_inertia_kgm2
-    assert f["x"][W_E] - before == pytest.approx(most)
+    made_up = 100.0 * 0.5 * seconds / SETTINGS.vehicle.engine_inertia_kgm2
+    assert f["x"][W_E] - before == pytest.approx(made_up)
     assert f["x"][DT_E] == 0.0

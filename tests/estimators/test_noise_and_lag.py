@@ -8,7 +8,7 @@ import pytest
 from dctorque_can.config.load import load_config
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators import oh2014, oh2014_model
-from dctorque_can.estimators.design import RoadLoad
+from dctorque_can.estimators.design import Method, RoadLoad
 from dctorque_can.estimators.driving_conditions import driving_conditions
 from dctorque_can.estimators.noise_and_lag import (
     STATES,
@@ -299,6 +299,7 @@ def test_noise_is_that_of_the_estimator(car, g1, g2):
     settings = replace(
         settings,
         estimate_period_us=1000,
+        method=Method.OH2014,
         observer=replace(settings.observer, road_load=RoadLoad.FLAT),
     )
     vehicle = settings.vehicle

@@ -234,6 +234,9 @@ def test_whatever_the_filter_does_is_undone(tables):
         speeds()
         estimate()
     jump = 60.0
+    held = 1e-6 * min(f["t_us"] - f["torque_us"], f["t_us"] - f["accepted_us"][0])
+    assert 0.0 <= held <= 0.05
+    dense.x[S.W_E] += 0.5 * jump * held / tuning["J_e"]
     kalman.take_engine_torque(f, tuning, T_EN + jump)
     dense.P[S.DT_E, S.DT_E] += (tuning["engine_share"] * jump) ** 2
     dense.P[S.W_E, S.W_E] += (tuning["engine_delay"] * jump) ** 2

@@ -11,6 +11,7 @@ from dctorque_can.config.load import load_config
 from dctorque_can.estimators.design import Method
 from dctorque_can.pipeline import delays
 from dctorque_can.pipeline.arrivals import Arrivals, without_delays
+from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
 from dctorque_can.pipeline.smoothing import Smoother
@@ -110,7 +111,7 @@ def test_what_waited_long_enough_has_acted_as_if_it_had_come_at_once(taken, meth
     for name in ("x", "P", "t_us", "gear", "fault", "taken", "squares"):
         assert np.array_equal(ours[name], theirs[name]), name
     assert theirs["running"][0] == (method is Method.KALMAN)
-    assert estimator._queue["count"][0] == 0
+    assert estimator._queue["count"][0] == 1  # the time alone
 
 
 @pytest.mark.parametrize("share", [0.1, 0.31, 0.5, 0.77, 0.999])
@@ -166,18 +167,47 @@ def test_a_reset_drops_what_waits():
     assert estimator.health["accepted"].sum() == 2 * before
 
 
-def test_more_than_there_are_places_for_still_act_in_order():
+def test_more_than_there_are_places_for_lose_nothing():
+    """The oldest take effect before their delay has passed."""
     settings = delayed(replace(HAND_MADE, method=Method.KALMAN))
     data = late(traffic(1.0, lambda t: cruise()))
-    burst = replace(data, t_us=data.t_us // 50)  # 20 ms in all: nothing leaves the queue in time
-    n = delays.PLACES // 400 + 1
-    many = [replace(burst, t_us=burst.t_us + 20_000 * k) for k in range(n)]
-    assert sum(int(part.last.sum()) for part in many) > delays.PLACES
+    burst = replace(data, t_us=data.t_us // 400)  # 2.5 ms in all
+    many = [replace(burst, t_us=burst.t_us + 2600 * k) for k in range(8)]
+    frames = sum(int(part.last.sum()) for part in many)
+    assert frames > 2 * delays.PLACES
+    assert many[-1].t_us[-1] < LONGEST_US  # nothing leaves by itself
     estimator = Estimator(settings)
     rows = np.concatenate([estimator.feed(part).rows for part in many])
+    assert estimator._queue["count"][0] == delays.PLACES
+    assert estimator._now.core["t_us"][0] > -LONGEST_US
     assert np.isfinite(rows["clutch1_torque_nm"]).all()
-    assert estimator.health["accepted"].sum() == n * len(data)
-    assert estimator._queue["count"][0] <= delays.PLACES
+    assert (np.diff(rows["t_us"]) > 0).all()
+    assert estimator.health["accepted"].sum() == len(many) * len(data)
+
+
+def test_frames_without_a_value_let_time_pass():
+    """Else each estimate would bridge all the time since the last value anew."""
+    settings = delayed(replace(HAND_MADE, method=Method.KALMAN))
+    estimator = Estimator(settings)
+    estimator.feed(late(traffic(1.0, lambda t: cruise())))
+    nothing = late(traffic(2.0, lambda t: dict.fromkeys(cruise()), start_us=1_000_000))
+    rows = estimator.feed(nothing).rows
+    assert nothing.t_us[-1] - estimator._now.core["t_us"][0] <= LONGEST_US + 2500
+    assert rows["status"][-1] & Status.INPUT_STALE
+
+
+def test_counters_only_grow():
+    settings = delayed(replace(HAND_MADE, method=Method.KALMAN, health_period_us=5000))
+    tight = [replace(item, timeout_us=25_000) for item in settings.inputs]
+    data = late(traffic(2.0, lambda t: cruise()))
+    wheel = (data.quantity >= Q.WHEEL_SPEED_FL) & (data.quantity <= Q.WHEEL_SPEED_RR)
+    gap = wheel & (data.t_us > 1_000_000) & (data.t_us < 1_040_000)  # longer than the timeout, not than the delay
+    estimator = Estimator(replace(settings, inputs=tuple(tight)))
+    health = estimator.feed(data[~gap & (data.t_us < 1_990_000)]).health
+    for name in ("accepted", "timeouts", "innovations", "innovation_squares", "innovations_rejected"):
+        assert (np.diff(health[name].astype(float), axis=0) >= 0.0).all(), name
+    assert health["timeouts"][-1].sum() == 4
+    assert health["innovations"][-1].sum() > 500
 
 
 def test_a_sample_that_comes_late_by_its_delay_is_not_missing():
@@ -192,6 +222,17 @@ def test_a_sample_that_comes_late_by_its_delay_is_not_missing():
 
 
 class TestSmoothing:
+    def test_the_same_however_cut(self):
+        settings = delayed(replace(HAND_MADE, method=Method.KALMAN))
+        data = late(traffic(1.0, lambda t: cruise()))
+        found = []
+        for length in (len(data), 7):  # 7: also within frames
+            smoother = Smoother(settings)
+            for first in range(0, len(data), length):
+                smoother.feed(data[first : first + length])
+            found.append(smoother.smoothed())
+        assert found[0].tobytes() == found[1].tobytes()
+
     def test_delays_known_smooth_as_well_as_none(self, taken, truth):
         at_once, smoother = Smoother(SETTINGS), Smoother(delayed(SETTINGS))
         at_once.feed(taken)
