@@ -152,6 +152,8 @@ class McapFile:
             return position, "the file ends inside a record, or the record is damaged"
         if self._map[position] == 0:
             return position, "no record begins here"
+        if self._map[position] == Opcode.FOOTER and self.size - end > len(MCAP0_MAGIC):
+            return position, "the record that ends a file stands within it"
         return end, ""
 
     def _lose(self, position: int, reason: str) -> int:

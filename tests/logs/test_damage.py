@@ -117,6 +117,18 @@ def test_a_flipped_byte_costs_at_most_one_chunk_or_is_told(whole_log, tmp_path_f
         assert log.problems
 
 
+@pytest.mark.parametrize("opcode", [0, 2, 15, 255], ids=["none", "footer", "data end", "unknown"])
+def test_a_first_record_of_another_kind_costs_nothing_or_is_told(whole_log, tmp_path, opcode):
+    """A footer where the header was would end the file before its first frame."""
+    path = tmp_path / "flip.mcap"
+    content = bytearray(whole_log.read_bytes())
+    content[8] = opcode
+    path.write_bytes(content)
+    frames, log = read(path)
+    assert numbers_of(frames) == list(range(CHUNKS * CHUNK_FRAMES)) or log.problems
+    assert len(frames) >= (CHUNKS - 1) * CHUNK_FRAMES
+
+
 def test_recovered_file_opens_everywhere_and_keeps_all(tmp_path):
     path, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
     rows = np.zeros(5, ESTIMATES.dtype)
