@@ -150,12 +150,15 @@ def smooth(tape: Any, a: Any, row: int, out: Any) -> None:
         out.torque[i] = tape.torque[row, i] - shift
         out.sigma[i] = math.sqrt(max(sigma * sigma - gain, 0.0))
         finite = finite and math.isfinite(shift) and math.isfinite(gain)
-    joint = tape.correlation[row] * tape.sigma[row, 0] * tape.sigma[row, 1]
+    shared = 0.0
     for k in range(N):
         for m in range(N):
-            joint -= tape.MP[row, 0, k] * a.Lam[k, m] * tape.MP[row, 1, m]
-    product = out.sigma[0] * out.sigma[1]
-    out.correlation = min(max(joint / product, -1.0), 1.0) if product > 0.0 else 0.0
+            shared += tape.MP[row, 0, k] * a.Lam[k, m] * tape.MP[row, 1, m]
+    out.correlation = tape.correlation[row]
+    if shared != 0.0:  # else nothing that comes later tells of both, and the very number stays
+        joint = tape.correlation[row] * tape.sigma[row, 0] * tape.sigma[row, 1] - shared
+        product = out.sigma[0] * out.sigma[1]
+        out.correlation = min(max(joint / product, -1.0), 1.0) if product > 0.0 else 0.0
     for i in range(2):
         if tape.neutral[row, i]:
             out.sigma[i], out.correlation = tape.sigma[row, i], 0.0
