@@ -1,9 +1,9 @@
 """A bus that goes away, comes back, and does not take what it is given."""
 
 import errno
+import queue
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,8 +11,11 @@ import can
 import pytest
 
 from dctorque_can.daemon import link as link_module
-from dctorque_can.daemon.link import BusError, BusLink, open_bus
-from dctorque_can.daemon.spin import raise_on_spin
+from dctorque_can.daemon import spin
+from dctorque_can.daemon.link import SILENCE_S, BusError, BusLink, open_bus
+from dctorque_can.daemon.spin import SPIN_RETURNS, SPIN_S, raise_on_spin
+
+from .clock import Clock
 
 MESSAGE = can.Message(arbitration_id=0x100, data=b"\1", is_extended_id=False)
 
@@ -42,9 +45,8 @@ class Bus:
 
 
 @pytest.fixture(autouse=True)
-def _short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link_module, "FIRST_BACKOFF_S", 0.001)
-    monkeypatch.setattr(link_module, "LONGEST_BACKOFF_S", 0.004)
+def _on_the_clock(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link_module, "time", clock)
 
 
 def make(*buses: Bus | BusError) -> tuple[BusLink, list[str]]:
@@ -60,20 +62,20 @@ def make(*buses: Bus | BusError) -> tuple[BusLink, list[str]]:
     return BusLink(connect, lambda is_error, text: told.append(text)), told
 
 
-class Spinning(can.BusABC):
-    """One message, and then it returns at once instead of waiting; or it polls with pauses, when ``alive``."""
+class Polling(can.BusABC):
+    """One message, and then nothing: it returns after a pause, however long it is asked to wait."""
 
-    def __init__(self, alive: bool) -> None:
-        super().__init__("spinning")
+    def __init__(self, clock: Clock, pause_s: float) -> None:
+        super().__init__("polling")
         self.calls = 0
-        self.alive = alive
+        self._clock = clock
+        self._pause_s = pause_s
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         self.calls += 1
         if self.calls == 1:
             return MESSAGE, False
-        if self.alive:
-            time.sleep(min(timeout or 0.0, 0.001))  # polls; a bus that is silent returns as often
+        self._clock.sleep(min(timeout or 0.0, self._pause_s))
         return None, False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -81,13 +83,16 @@ class Spinning(can.BusABC):
 
 
 class SocketCand:
-    """The least of a socketcand server: one client at a time, two frames for each, until it is told to hang up."""
+    """The least of a socketcand server: two frames for each client when it is told to, until it shall hang up."""
 
     def __init__(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
-        self.clients: list[socket.socket] = []
-        self._thread = threading.Thread(target=self._serve)
+        self.arguments = {"interface": "socketcand", "channel": "vcan0", "host": "127.0.0.1", "port": self.port}
+        self.attempts = 0
+        self._ready: queue.Queue[socket.socket] = queue.Queue()
+        self._clients: list[socket.socket] = []
+        self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
     def _serve(self) -> None:
@@ -102,15 +107,22 @@ class SocketCand:
                     break
                 client.sendall(b"< ok >")
             else:
-                time.sleep(0.05)  # or the client takes the frames for a part of the answer
-                client.sendall(b"< frame 123 1.5 0102 >< frame 124 1.6 03 >")
-                self.clients.append(client)
+                self._ready.put(client)
                 continue
             client.close()
 
+    def open_and_speak(self) -> can.BusABC:
+        """Open a bus, and only then send: python-can takes frames that come earlier for a part of an answer."""
+        self.attempts += 1
+        bus = open_bus(self.arguments)
+        client = self._ready.get()
+        client.sendall(b"< frame 123 1.5 0102 >< frame 124 1.6 03 >")
+        self._clients.append(client)
+        return bus
+
     def hang_up(self) -> None:
-        while self.clients:
-            self.clients.pop().close()
+        while self._clients:
+            self._clients.pop().close()
 
     def close(self) -> None:
         self.hang_up()
@@ -128,7 +140,7 @@ def socketcand() -> Iterator[SocketCand]:
 
 
 def receive_all(link: BusLink, calls: int) -> int:
-    return sum(link.receive(0.01) is not None for _ in range(calls))
+    return sum(link.receive(1.0) is not None for _ in range(calls))
 
 
 @pytest.mark.parametrize(
@@ -198,84 +210,111 @@ def test_a_virtual_bus_keeps_the_time_of_simulated_frames(connect: Callable[[], 
     assert received.timestamp == 12.5
 
 
-def test_a_silence_is_told_once_and_its_end_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link_module, "SILENCE_S", 0.02)
+def test_a_silence_is_told_once_and_its_end_too(clock: Clock) -> None:
     bus = Bus([None])
     link, told = make(bus)
     link.open()
-    time.sleep(0.03)
+    clock.now_s += 100.0
     link.receive(0.0)
     assert told == []  # it never gave anything: the car may be off
-    for _ in range(2):
+    for silence_s in (2.5, 3.5):
         bus.events.append(MESSAGE)
         assert link.receive(0.0) is MESSAGE
-        time.sleep(0.03)
+        before = len(told)
+        clock.now_s += SILENCE_S - 0.25
+        link.receive(0.0)
+        assert len(told) == before
+        clock.now_s += silence_s - (SILENCE_S - 0.25)
         receive_all(link, 3)
-    assert told[0] == told[2] == "no frame for 0.02 s on a bus of tests"
-    assert told[1].startswith("frames again after 0.0")
-    assert len(told) == 3
+    assert told == [
+        "no frame for 2 s on a bus of tests",
+        "frames again after 2.5 s on a bus of tests",
+        "no frame for 2 s on a bus of tests",
+    ]
     assert link.counts.silences == 2
     assert (link.counts.lost, link.up, bus.closed) == (0, True, False)
 
 
-def test_an_interface_that_returns_at_once_for_ever_is_lost() -> None:
-    bus = Spinning(alive=False)
+@pytest.fixture
+def _spin_on_the_clock(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spin, "time", clock)
+    monkeypatch.setattr(can.bus, "time", clock.monotonic)
+
+
+@pytest.mark.usefixtures("_spin_on_the_clock")
+@pytest.mark.parametrize("pause_s", [1e-6, 0.9 * SPIN_S / SPIN_RETURNS])
+def test_an_interface_that_returns_at_once_for_ever_is_lost(clock: Clock, pause_s: float) -> None:
+    bus = Polling(clock, pause_s)
     raise_on_spin(bus)
     link, told = make(bus, Bus([MESSAGE]))  # type: ignore[arg-type]
     link.open()
-    began_s = time.monotonic()
     assert receive_all(link, 20) == 2
-    assert time.monotonic() - began_s < 5
+    assert bus.calls <= 2 + SPIN_RETURNS
     assert (link.counts.lost, link.counts.reconnects) == (1, 1)
     assert "its other end has closed" in told[0]
 
 
-def test_a_silent_interface_that_polls_is_not_lost() -> None:
-    bus = Spinning(alive=True)
+@pytest.mark.usefixtures("_spin_on_the_clock")
+@pytest.mark.parametrize("pause_s", [1.1 * SPIN_S / SPIN_RETURNS, 0.001, 10.0])
+def test_a_silent_interface_that_polls_is_not_lost(clock: Clock, pause_s: float) -> None:
+    bus = Polling(clock, pause_s)
     raise_on_spin(bus)
     with bus:
         assert bus.recv(0.01) is MESSAGE
         assert bus.recv(0.3) is None
         for _ in range(1000):
             assert bus.recv(0.0) is None  # asked not to wait: as quick as it likes
-    assert bus.calls > 1100
+    assert bus.calls > 1001
 
 
-def test_a_socketcand_server_that_goes_and_comes_back(socketcand: SocketCand) -> None:
-    arguments = {"interface": "socketcand", "channel": "vcan0", "host": "127.0.0.1", "port": socketcand.port}
+def refuse_python_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    """python-can alone tries for 10 s, without a pause, to reach a socketcand server that is not there."""
+
+    def tries(**arguments: object) -> None:
+        pytest.fail("python-can was asked")
+
+    monkeypatch.setattr(can, "Bus", tries)
+
+
+def test_a_socketcand_server_that_goes_and_comes_back(
+    socketcand: SocketCand, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link_module, "PROBE_S", None)  # the server answers, be it late
     told: list[str] = []
-    link = BusLink(lambda: open_bus(arguments), lambda is_error, text: told.append(text))
+    link = BusLink(socketcand.open_and_speak, lambda is_error, text: told.append(text))
     link.open()
 
     def receive(count: int) -> list[int]:
-        limit_s, ids = time.monotonic() + 10, []
+        ids: list[int] = []
         while len(ids) < count:
-            assert time.monotonic() < limit_s, told
             ids += [message.arbitration_id for message in link.receive_some(0.05, 64)]
         return ids
 
     assert receive(2) == [0x123, 0x124]
     assert link.receive(0.3) is None
     assert link.counts.lost == 0  # silent, and no more
+    monkeypatch.setattr(spin, "time", clock)  # which stands still: what returns early has returned at once
     socketcand.hang_up()
     assert receive(2) == [0x123, 0x124]
     assert (link.counts.lost, link.counts.reconnects) == (1, 1)
     assert "the bus is gone" in told[0]
     assert "open again" in told[1]
+    refuse_python_can(monkeypatch)
     socketcand.close()
-    began_s = time.monotonic()
     while link.up:
         link.receive(0.05)
+    began_s = clock.now_s
     for _ in range(10):
         link.receive(0.05)
-    assert time.monotonic() - began_s < 3  # python-can alone would try for 10 s without a pause
+    assert clock.now_s - began_s == pytest.approx(0.4)  # eight times it waits, twice it tries
+    assert socketcand.attempts == 4
+    assert (link.counts.lost, link.counts.reconnects) == (2, 1)
     link.close()
 
 
-def test_a_socketcand_server_that_is_not_there_is_an_error_at_once() -> None:
+def test_a_socketcand_server_that_is_not_there_is_an_error_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as unused:
         port = unused.getsockname()[1]
-    began_s = time.monotonic()
+    refuse_python_can(monkeypatch)
     with pytest.raises(BusError, match="refused"):
         open_bus({"interface": "socketcand", "channel": "vcan0", "host": "127.0.0.1", "port": port})
-    assert time.monotonic() - began_s < 2
