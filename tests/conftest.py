@@ -12,14 +12,20 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parents[1]
 NO_COMPILED_CODE = ("analysis", "cli", "config", "daemon", "study")  # tests/test_architecture.py holds them to it
 CACHE_LIFETIME_S = 24 * 3600.0
 
-# Time limits per example say more about the load of the machine than about the code.
-settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, print_blob=True)
+# Time limits say more about the load of the machine than about the code.
+settings.register_profile(
+    "project",
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    derandomize="CI" in os.environ,
+    print_blob=True,
+)
 settings.load_profile("project")
 
 

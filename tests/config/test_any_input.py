@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dctorque_can.config.load import Config, ConfigError, load_documents
@@ -49,7 +49,7 @@ def judged(text: bytes) -> Config | ConfigError:
         return error
 
 
-@settings(max_examples=80, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80)
 @given(st.lists(st.tuples(st.sampled_from(paths(PAPER_CAR)), VALUES), min_size=1, max_size=3))
 def test_any_values(changes: list[tuple[tuple[Any, ...], Any]]) -> None:
     data = copy.deepcopy(PAPER_CAR)
@@ -67,7 +67,7 @@ def test_any_values(changes: list[tuple[tuple[Any, ...], Any]]) -> None:
     assert any(problem.severity == "error" for problem in problems) is not loaded
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60)
 @given(st.integers(0, len(TEXT) - 1), st.integers(0, 400), st.binary(max_size=6))
 def test_any_damage(start: int, length: int, junk: bytes) -> None:
     damaged = TEXT[:start] + junk + TEXT[start + length :]

@@ -131,7 +131,7 @@ fields = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(fields)
 def test_any_table_decodes_with_the_stock_decoder(columns):
     dtype = np.dtype(
@@ -192,7 +192,7 @@ def test_events_documents_and_metadata(tmp_path):
     assert log.metadata == metadata
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         a_frame(
