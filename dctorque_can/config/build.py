@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -37,6 +38,8 @@ from dctorque_can.estimators.design import Method
 from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
 from dctorque_can.pipeline.settings import DrivenAxle, GearInference, Settings
 
+MOST_TAKEN_AGAIN_PER_S = 20_000  # frames; at 5 µs each (docs/kalman_accuracy.md) a tenth of a processor
+
 
 @dataclass(frozen=True, slots=True)
 class Parts:
@@ -70,6 +73,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     _note_missing_axle(document, builder, vehicle)
     if estimator is not None:
         _check_missing_shafts(document, estimator, inference is not None)
+        _note_costly_delays(document, builder, estimator)
     errors = any(problem.severity == "error" for problem in document.problems)
     if errors or vehicle is None or estimator is None or phases is None:
         return None
@@ -257,6 +261,26 @@ def _check_missing_shafts(document: Document, estimator: EstimatorSection, infer
         else:
             reason = "missing: slip and torque of its clutch are then known from engine and wheels alone"
             document.problems.append(document.problem(path, reason, warning=True))
+
+
+def _note_costly_delays(document: Document, builder: InputBuilder, estimator: EstimatorSection) -> None:
+    """Warn when the estimates of a second take many frames again; without cycle times in the DBC nobody knows."""
+    longest_s = max((entry.input.delay_us for entry in builder.entries), default=0) / 1e6
+    periods_ms: dict[str, float] = {}
+    for entry in builder.entries:
+        for term, period_ms in zip(entry.input.terms, entry.periods_ms, strict=True):
+            if period_ms:
+                periods_ms[term.message] = period_ms
+    frames_per_s = sum(1000 / period_ms for period_ms in periods_ms.values())
+    estimates_per_s = min(frames_per_s, 1000 / estimator.period_ms)
+    again = longest_s * frames_per_s  # by each estimate
+    if again * estimates_per_s > MOST_TAKEN_AGAIN_PER_S:
+        reason = (
+            f"is costly: each estimate takes the frames of the last {1000 * longest_s:g} ms again (the longest "
+            f"delay_ms), which are {again * estimates_per_s:.0f} a second; give "
+            f"{math.ceil(1000 * again / MOST_TAKEN_AGAIN_PER_S)} or more"
+        )
+        document.problems.append(document.problem(("estimator", "period_ms"), reason, warning=True))
 
 
 def _note_missing_axle(document: Document, builder: InputBuilder, vehicle: VehicleSection | None) -> None:

@@ -255,6 +255,11 @@ WARNINGS = [
     ({"gears.shaft1.values": {1: 1, 3: 3, 5: 5}}, "gears.shaft1.values", "no raw value means neutral"),
     ({"inputs.wheel_speeds": {"fl": "WheelSpeedsFront.WheelSpeedFL"}}, "inputs.wheel_speeds", "no undriven wheel"),
     ({"inputs.wheel_speeds": {"rl": "WheelSpeedsRear.WheelSpeedRL"}}, "inputs.wheel_speeds", "no driven wheel"),
+    (
+        {"inputs.shaft1_speed.delay_ms": 200},  # 80 of 400 frames/s
+        "estimator.period_ms",
+        "frames of the last 200 ms again (the longest delay_ms), which are 32000 a second; give 4 or more",
+    ),
 ]
 
 
@@ -262,6 +267,22 @@ WARNINGS = [
 def test_what_is_doubtful_is_a_warning(load: Load, changes, key, reason) -> None:
     warnings = load(changes).warnings
     assert any(w.key == key and reason in w.reason and w.severity == "warning" for w in warnings), warnings
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"inputs.shaft1_speed.delay_ms": 120}, {"inputs.shaft1_speed.delay_ms": 200, "estimator.period_ms": 4}],
+)
+def test_delays_that_cost_little_are_no_warning(load: Load, changes) -> None:
+    assert load(changes).warnings == ()
+
+
+def test_without_cycle_times_nobody_knows_what_delays_cost(write) -> None:
+    path = write({"inputs.shaft1_speed.delay_ms": 200})
+    dbc = path.with_name("demo_car.dbc")
+    lines = dbc.read_text().splitlines()
+    dbc.write_text("\n".join(line for line in lines if "GenMsgCycleTime" not in line))
+    assert load_config(path).warnings == ()
 
 
 def test_entries_tell_people_what_the_file_says(load: Load) -> None:
