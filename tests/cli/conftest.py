@@ -57,7 +57,7 @@ def dctorque_process(command: list[str], environment: dict[str, str], tmp_path: 
             [*command, *map(str, arguments)],
             capture_output=True,
             text=True,
-            timeout=600,  # compiles, perhaps on a busy machine
+            timeout=900,  # compiles, perhaps on a busy machine
             cwd=tmp_path,
             env=environment,
         )

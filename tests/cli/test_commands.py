@@ -21,7 +21,7 @@ from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 
 PAPER = shipped_config("paper_car")
-HANG_S = 300  # so late that no load of the machine explains it
+HANG_S = 900  # so late that no load of the machine explains it
 COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover")
 
 

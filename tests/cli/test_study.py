@@ -10,7 +10,7 @@ import yaml
 
 from dctorque_can.pipeline.estimates import SENSORS
 
-HANG_S = 300  # so late that no load of the machine explains it
+HANG_S = 900  # so late that no load of the machine explains it
 SMALL = {
     "vehicle": "paper_car",
     "duration_s": 3,

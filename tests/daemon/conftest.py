@@ -15,7 +15,7 @@ from dctorque_can.resources import shipped_config
 
 from .clock import Clock
 
-HANG_S = 300  # so late that no load of the machine explains it
+HANG_S = 900  # so late that no load of the machine explains it
 
 _numbers = count()
 
