@@ -290,6 +290,8 @@ def test_systemd_is_told_ready_alive_and_stopping(
         messages: list[str] = []
         while messages.count("WATCHDOG=1") < 3:
             messages.append(listener.recv(4096).decode())
+            states = sum(message.startswith("STATUS=") for message in messages)
+            assert states <= messages.count("WATCHDOG=1")  # whenever the one is due, so is the other
         process.terminate()
         while messages[-1] != "STOPPING=1":
             messages.append(listener.recv(4096).decode())
