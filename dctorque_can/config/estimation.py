@@ -196,6 +196,8 @@ class KalmanSection(Section):
     """… and by how much of the torque it grows with it."""
     engine_torque_lag_ms: Annotated[float, Field(ge=0, le=1000)] = 0.0
     """First-order lag of the engine behind the torque that the bus tells, when that is a demand, ms."""
+    engine_torque_lag_error_ms: Annotated[float, Field(ge=0, le=1000)] = 60.0
+    """By how much that lag may be another one, ms."""
     engine_torque_delay_ms: Annotated[float, Field(ge=0, le=1000)] = 10.0
     """By how much a change of the nominal engine torque may be late, ms."""
     engine_torque_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 2.0
@@ -226,12 +228,19 @@ class KalmanSection(Section):
     def build(self, speed_resolutions_rad_s: tuple[float, ...]) -> KalmanDesign:
         """Return the design as the estimator knows it; resolutions of the DBC as `KalmanDesign` has them."""
         numbers = dict(self)
-        names = ("timing_error_ms", "engine_torque_lag_ms", "engine_torque_delay_ms", "command_lag_ms")
-        timing, engine_lag, delay, lag = (numbers.pop(name) / 1000.0 for name in names)
+        names = (
+            "timing_error_ms",
+            "engine_torque_lag_ms",
+            "engine_torque_lag_error_ms",
+            "engine_torque_delay_ms",
+            "command_lag_ms",
+        )
+        timing, engine_lag, lag_error, delay, lag = (numbers.pop(name) / 1000.0 for name in names)
         return KalmanDesign(
             speed_resolutions_rad_s=speed_resolutions_rad_s,
             timing_error_s=timing,
             engine_torque_lag_s=engine_lag,
+            engine_torque_lag_error_s=lag_error,
             engine_torque_delay_s=delay,
             command_lag_s=lag,
             **numbers,

@@ -68,6 +68,7 @@ class KalmanDesign:
     engine_torque_error_nm: float  # of the nominal engine torque, when there is none
     engine_torque_error_share: float  # … and its growth with the torque
     engine_torque_lag_s: float  # first-order lag of the engine behind its nominal torque
+    engine_torque_lag_error_s: float  # … and by how much it may be another
     engine_torque_delay_s: float  # by how much it may be late
     engine_torque_error_time_s: float  # for how long it lasts
     unmodelled_rad_s_per_sqrt_s: float  # what engine and shafts do beside the model

@@ -18,9 +18,13 @@ from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman_model, kalman_tuning, tape
 from dctorque_can.estimators.design import KalmanDesign
+from dctorque_can.estimators.kalman_engine import follow_torque
 from dctorque_can.estimators.kalman_learning import forget_noise
 from dctorque_can.estimators.kalman_model import (
     DT_E,
+    GAIN,
+    LAG_1,
+    LAG_2,
     R_1,
     STEPS_US,
     T_C1,
@@ -47,9 +51,7 @@ from dctorque_can.estimators.kalman_tuning import SPEEDS
 
 FINEST_US = STEPS_US[-1]
 _STEPS = np.array(STEPS_US, np.int64)
-_LONGEST_RAMP_US = 50_000
-_ENGINE = 0
-_OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
+_OPEN = int(ClutchPhase.OPEN)
 _SENSORS = 5  # engine, input shafts, driven and undriven wheels
 _SIGNALS = 6  # the sensors and the nominal engine torque
 
@@ -60,6 +62,7 @@ FILTER = np.dtype(
         ("scratch", "f8", (N, N)),
         ("h", "f8", (N,)),
         ("K", "f8", (N,)),
+        ("along", "f8", (N,)),
         ("rate", "f8", (N,)),  # of the state over the last step
         ("torque_rate", "f8", (2,)),  # N·m/s, how fast a clutch torque may change now
         ("recent_torque", "f8"),  # N·m, what T_en, T_o and the engine's inertial torque were lately
@@ -67,6 +70,8 @@ FILTER = np.dtype(
         ("recent_inertial", "f8"),
         ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
         ("T_en", "f8"),  # nominal engine torque, behind the engine's lag
+        ("lagged", "f8", (2,)),  # … behind each of `kalman_engine.LAGS` besides
+        ("per_error", "f8", (3,)),  # N·m in the last step, per unit of the states GAIN, LAG_1 and LAG_2
         ("told", "f8"),  # … as the last frame with one told it, and its time
         ("torque_us", "i8"),
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
@@ -153,6 +158,11 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.P[T_C1, T_C1] = f.P[T_C2, T_C2] = 200.0**2
     f.P[R_1, R_1] = f.P[R_1 + 1, R_1 + 1] = 100.0**2
     f.P[DT_E, DT_E] = engine_variance(tuning, T_en)
+    f.P[GAIN, GAIN] = tuning.gain_error**2
+    f.P[LAG_1, LAG_1] = f.P[LAG_2, LAG_2] = tuning.lag_error**2
+    f.lagged[0] = f.lagged[1] = T_en
+    for m in range(3):
+        f.per_error[m] = 0.0
     f.T_en = f.told = f.recent_torque = T_en
     f.recent_output = f.recent_inertial = f.T_o = 0.0
     for i in range(2):
@@ -178,35 +188,6 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
 
 
 @compiled_without_allocation
-def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
-    """Take a new nominal engine torque: what has changed may be late, or not have happened.
-
-    Since the last one it has risen or fallen evenly, and was not held: half of the change is made up for, as far
-    as the engine speed has not told it. After a silence nothing is known of the time between.
-    """
-    change = T_en - f.told
-    f.P[DT_E, DT_E] += (tuning.engine_share * change) ** 2
-    f.P[W_E, W_E] += (tuning.engine_delay * change) ** 2
-    half = 0.5e-6 * (f.t_us - f.torque_us)
-    if f.t_us - f.torque_us > _LONGEST_RAMP_US:
-        half = 0.0
-    elif not math.isnan(f.accepted[_ENGINE]):
-        half = min(half, 0.5e-6 * (f.t_us - f.accepted_us[_ENGINE]))
-    if tuning.engine_lag == 0.0:
-        f.x[W_E] += change * half / tuning.J_e
-        f.T_en = T_en
-    else:
-        f.T_en -= change * math.expm1(-half / tuning.engine_lag)
-    f.told, f.torque_us = T_en, f.t_us
-
-
-@compiled_without_allocation
-def let_engine_torque_age(f: Any, tuning: Any, seconds: float) -> None:
-    """Let time pass without a new nominal engine torque: it may have changed as fast as a locked clutch's."""
-    f.P[DT_E, DT_E] += 2.0 * tuning.rate_time * tuning.rate[_LOCKED] ** 2 * seconds
-
-
-@compiled_without_allocation
 def predict(
     f: Any, tables: Tables, tuning: Any, phase_1: int, phase_2: int, brakes: bool, stands: bool, t_us: int
 ) -> None:
@@ -226,22 +207,17 @@ def predict(
 
 
 @compiled_without_allocation
-def follow_torque(f: Any, tuning: Any, h: float) -> float:
-    """Let the engine follow what the bus told for a step of h seconds; return its mean torque in it, N·m."""
-    if tuning.engine_lag == 0.0:
-        return float(f.T_en)
-    share = -math.expm1(-h / tuning.engine_lag)
-    behind = f.T_en - f.told
-    f.T_en -= share * behind
-    return float(f.told + behind * share * tuning.engine_lag / h)
-
-
-@compiled_without_allocation
 def _advance(
     f: Any, tables: Tables, model: int, step: int, q: tuple[float, float, float, float, float], T_en: float
 ) -> None:
-    """x ← F x + b T_en, P ← F P Fᵀ + Q; q of `process_noise`."""
-    tape.predicted(f.tape, model, step)
+    """x ← F x + b T_en, P ← F P Fᵀ + Q; q of `process_noise`.
+
+    To F belongs what errors of T_en do to the state: b times ``f.per_error`` in the columns of their states.
+    """
+    tape.predicted(f, model, step)
+    for m in range(3):
+        T_en += f.per_error[m] * f.x[GAIN + m]
+    sum_errors(f)
     phi, per_s = tables.phi, 1e6 / _STEPS[step]
     for i in range(N):
         value = tables.input[model, step, i] * T_en
@@ -253,12 +229,15 @@ def _advance(
                 value += factor * f.x[k]
                 for j in range(N):
                     f.scratch[i, j] += factor * f.P[k, j]
+        for j in range(N):
+            f.scratch[i, j] += tables.input[model, step, i] * f.along[j]
         f.h[i] = value
     for i in range(N):
         f.rate[i] = (f.h[i] - f.x[i]) * per_s
         f.x[i] = f.h[i]
         for j in range(N):
             f.P[j, i] = f.scratch[i, j]  # P Fᵀ
+    sum_errors(f)
     for i in range(N):
         for j in range(i + 1):
             total = tables.noise[model, step, i, j]
@@ -270,9 +249,20 @@ def _advance(
             if factor != 0.0:
                 for j in range(i + 1):
                     f.scratch[i, j] += factor * f.P[k, j]
+        for j in range(i + 1):
+            f.scratch[i, j] += tables.input[model, step, i] * f.along[j]
     for i in range(N):
         for j in range(i + 1):
             f.P[i, j] = f.P[j, i] = f.scratch[i, j]
+
+
+@compiled_without_allocation
+def sum_errors(f: Any) -> None:
+    """Sum the rows of P that belong to errors of the nominal engine torque by what they add to it now."""
+    for j in range(N):
+        f.along[j] = 0.0
+        for m in range(3):
+            f.along[j] += f.per_error[m] * f.P[GAIN + m, j]
 
 
 @compiled_without_allocation

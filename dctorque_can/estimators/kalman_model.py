@@ -19,6 +19,7 @@ SI units: rad/s, rad, N·m, kg·m².
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from itertools import product
 from typing import NamedTuple
@@ -54,15 +55,24 @@ class State(IntEnum):
     R_2 = 15
     T_V = 16  # road load, brakes included
     DT_E = 17  # error of the nominal engine torque
+    GAIN = 18  # … and the share of the torque that it lastingly is
+    LAG_1 = 19  # s, lag of the engine behind its nominal torque (`kalman_engine`), beyond the one that is told
+    LAG_2 = 20
 
 
 N = len(State)
-W_E, W_D, W_C1, W_C2, W_O, W_W, W_B, TH_D, TH_T1, TH_T2, TH_O, T_X, T_C1, T_C2, R_1, R_2, T_V, DT_E = range(N)
+W_E, W_D, W_C1, W_C2, W_O, W_W, W_B, TH_D, TH_T1, TH_T2, TH_O, T_X, T_C1, T_C2, R_1, R_2, T_V, DT_E, *_LASTING = (
+    range(N)
+)
+GAIN, LAG_1, LAG_2 = _LASTING
 
 STEPS_US = (16_000, 8_000, 4_000, 2_000, 1_000, 500, 250)
 """A time is bridged by as many of these as fit, the longest first."""
 
 _HALVINGS = 15  # of the shortest step: there |A| h is small even for an output shaft of 0.0002 kg·m²
+GAIN_TIME = 20.0  # s, for which the torque's error is the same share of it
+LAG_TIME = 300.0  # … and the engine's lag the same
+GAIN_SHARE = 0.75  # of the variance of an error that grows with the torque
 _SLACK_RATE = 50.0  # 1/s, at which the twist of a shaft in neutral is forgotten
 _LEAST_INERTIA = 1e-4  # kg·m²; a lighter output shaft has no dynamics that any sensor sees
 
@@ -151,6 +161,8 @@ def continuous(
         A[T_C1 + i, R_1 + i] = 1.0
         A[R_1 + i, R_1 + i] = -1.0 / design.torque_rate_time_s
     A[DT_E, DT_E] = -1.0 / design.engine_torque_error_time_s
+    A[GAIN, GAIN] = -1.0 / GAIN_TIME
+    A[LAG_1, LAG_1] = A[LAG_2, LAG_2] = -1.0 / LAG_TIME
     return A, T_o
 
 
@@ -165,7 +177,17 @@ def intensities(design: KalmanDesign) -> Floats:
     """Return the intensity ``[N, N]`` of the white noise that always acts."""
     q = np.zeros(N)
     q[[W_E, W_D, W_C1, W_C2]] = design.unmodelled_rad_s_per_sqrt_s**2
+    gain, lag = lasting_errors(design)
+    q[GAIN] = 2.0 * gain**2 / GAIN_TIME
+    q[[LAG_1, LAG_2]] = 2.0 * lag**2 / LAG_TIME
     return np.diag(q)
+
+
+def lasting_errors(design: KalmanDesign) -> tuple[float, float]:
+    """Return the standard deviations of `State.GAIN`, and of `State.LAG_1` and `State.LAG_2` each, s."""
+    return math.sqrt(GAIN_SHARE) * design.engine_torque_error_share, design.engine_torque_lag_error_s / math.sqrt(
+        2.0
+    )
 
 
 def synchroniser_ratio(vehicle: Vehicle, i: int, other: int) -> float:

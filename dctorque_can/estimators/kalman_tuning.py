@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Vehicle
 from dctorque_can.estimators.design import KalmanDesign
-from dctorque_can.estimators.kalman_model import arms
+from dctorque_can.estimators.kalman_model import GAIN_SHARE, arms, lasting_errors
 from dctorque_can.estimators.oh2014_model import MAX_GEAR
 
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
@@ -32,7 +34,9 @@ TUNING = np.dtype(
         ("gate", "f8"),  # largest normalised innovation squared that is believed
         ("patience_us", "i8"),  # … until one has not been for so long
         ("engine_error", "f8"),  # N·m, at no torque
-        ("engine_share", "f8"),  # … and by how much it grows with the torque
+        ("engine_share", "f8"),  # … and by how much it grows with the torque, beside
+        ("gain_error", "f8"),  # … the share of the torque that it lastingly is
+        ("lag_error", "f8"),  # s
         ("engine_lag", "f8"),  # s, of the engine behind its nominal torque
         ("engine_delay", "f8"),  # rad/s per N·m, what a change that comes late does to the engine speed
         ("parameter_error", "f8"),  # relative, of mass, inertias and stiffnesses
@@ -85,7 +89,8 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["patience_us"] = round(design.gate_patience_s * 1e6)
     t["timing_error"] = design.timing_error_s
     t["engine_error"] = design.engine_torque_error_nm
-    t["engine_share"] = design.engine_torque_error_share
+    t["engine_share"] = math.sqrt(1.0 - GAIN_SHARE) * design.engine_torque_error_share
+    t["gain_error"], t["lag_error"] = lasting_errors(design)
     t["engine_lag"] = design.engine_torque_lag_s
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
     t["parameter_error"] = design.parameter_error_share

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.estimators.kalman_model import N, Tables
+from dctorque_can.estimators.kalman_model import GAIN, N, Tables
 from dctorque_can.estimators.tape import FORGET, MEASURE, PREDICT
 
 ADJOINT = np.dtype(
@@ -68,7 +68,7 @@ def undo(tape: Any, a: Any, tables: Tables, n: int) -> None:
         undo_measurement(tape, a, n)
     elif tape.what[n] == PREDICT:
         for _ in range(tape.times[n]):
-            undo_prediction(a, tables, tape.which[n, 0], tape.which[n, 1])
+            undo_prediction(tape, a, tables, n)
     elif tape.what[n] == FORGET:
         i = tape.which[n, 0]
         a.lam[i] = 0.0
@@ -108,9 +108,9 @@ def undo_measurement(tape: Any, a: Any, n: int) -> None:
 
 
 @compiled_without_allocation
-def undo_prediction(a: Any, tables: Tables, model: int, step: int) -> None:
-    """Λ ← Fᵀ Λ F, λ ← Fᵀ λ."""
-    phi = tables.phi
+def undo_prediction(tape: Any, a: Any, tables: Tables, n: int) -> None:
+    """Λ ← Fᵀ Λ F, λ ← Fᵀ λ; to F belong the columns of the errors of the engine torque (`kalman.FILTER`)."""
+    phi, model, step = tables.phi, tape.which[n, 0], tape.which[n, 1]
     for i in range(N):
         a.v[i] = 0.0
         for j in range(N):
@@ -122,6 +122,12 @@ def undo_prediction(a: Any, tables: Tables, model: int, step: int) -> None:
             if factor != 0.0:
                 for j in range(N):
                     a.scratch[k, j] += a.Lam[i, j] * factor  # Fᵀ Λ
+    for m in range(3):
+        for i in range(N):
+            factor = tables.input[model, step, i] * tape.per_error[n, m]
+            a.v[GAIN + m] += factor * a.lam[i]
+            for j in range(N):
+                a.scratch[GAIN + m, j] += a.Lam[i, j] * factor
     for i in range(N):
         a.lam[i] = a.v[i]
     for i in range(N):
@@ -130,6 +136,8 @@ def undo_prediction(a: Any, tables: Tables, model: int, step: int) -> None:
         for k in range(N):
             for j in range(N):
                 a.v[j] += a.scratch[i, k] * phi[model, step, k, j]
+            for m in range(3):
+                a.v[GAIN + m] += a.scratch[i, k] * tables.input[model, step, k] * tape.per_error[n, m]
         for j in range(i + 1):
             a.Lam[i, j] = a.Lam[j, i] = a.v[j]
 

@@ -26,6 +26,7 @@ TAPE = np.dtype(
         ("rows", "i8"),
         ("what", "i8", (OPERATIONS,)),  # PREDICT, …
         ("which", "i8", (OPERATIONS, 2)),  # model and step of a prediction; state that was measured or forgotten
+        ("per_error", "f8", (OPERATIONS, 3)),  # of `kalman.FILTER`, in a prediction
         ("times", "i8", (OPERATIONS,)),  # that the same prediction was made in a row
         ("S", "f8", (OPERATIONS,)),  # variance of the innovation
         ("e", "f8", (OPERATIONS,)),  # innovation
@@ -63,17 +64,22 @@ def _next(tape: Any, what: int) -> int:
 
 
 @compiled_without_allocation
-def predicted(tape: Any, model: int, step: int) -> None:
+def predicted(f: Any, model: int, step: int) -> None:
     """Write that the state went one step on."""
+    tape = f.tape
     last = tape.operations - 1
     if tape.on and last >= 0 and (tape.rows == 0 or tape.after[tape.rows - 1] <= last):
         same = tape.what[last] == PREDICT and tape.which[last, 0] == model and tape.which[last, 1] == step
+        for m in range(3):
+            same = same and tape.per_error[last, m] == f.per_error[m]
         if same:
             tape.times[last] += 1
             return
     n = _next(tape, PREDICT)
     if n >= 0:
         tape.which[n, 0], tape.which[n, 1], tape.times[n] = model, step, 1
+        for m in range(3):
+            tape.per_error[n, m] = f.per_error[m]
 
 
 @compiled_without_allocation

@@ -7,11 +7,11 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, kalman_hints, oh2014
+from dctorque_can.estimators import kalman, kalman_engine, kalman_faults, kalman_gearbox, kalman_hints, oh2014
 from dctorque_can.estimators.kalman import Kalman
 from dctorque_can.estimators.kalman_faults import SensorFault
 from dctorque_can.estimators.kalman_learning import noise_factor
-from dctorque_can.estimators.kalman_model import DT_E, W_B, W_C1, W_E, W_W, N
+from dctorque_can.estimators.kalman_model import DT_E, GAIN, W_B, W_C1, W_E, W_W, N
 from dctorque_can.estimators.kalman_noise import engine_variance
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import (
@@ -155,13 +155,14 @@ def phase_of(core: Any, i: int) -> int:
 def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
     """Take a new nominal engine torque, or let the old one age; judge it by the error that the speeds tell of."""
     if core.fresh[ENGINE_TORQUE]:
-        kalman.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
+        kalman_engine.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
     if core.stale[ENGINE_TORQUE]:
-        kalman.let_engine_torque_age(f, tuning, seconds)
+        kalman_engine.let_engine_torque_age(f, tuning, seconds)
         kalman_faults.blame(f, _TORQUE, _MISSING)
         return
-    limit = _IMPLAUSIBLE_TORQUE**2 * engine_variance(tuning, f.T_en)
-    if f.x[DT_E] ** 2 > limit + _IMPLAUSIBLE_TORQUE**2 * f.P[DT_E, DT_E]:
+    error = f.x[DT_E] + f.T_en * f.x[GAIN]
+    variance = engine_variance(tuning, f.T_en) + (tuning.gain_error * f.T_en) ** 2
+    if error * error > _IMPLAUSIBLE_TORQUE**2 * (variance + f.P[DT_E, DT_E]):
         kalman_faults.blame(f, _TORQUE, _BIASED)
     else:
         f.fault[_TORQUE] = _NONE

@@ -7,7 +7,8 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators import oh2014
 from dctorque_can.estimators.design import Method, SubObserver
-from dctorque_can.estimators.kalman_model import DT_E, T_V, W_B, W_C1, W_E
+from dctorque_can.estimators.kalman_engine import torque_error
+from dctorque_can.estimators.kalman_model import T_V, W_B, W_C1, W_E
 from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
@@ -113,7 +114,7 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, d: Any, ro
     if rules.method == Method.KALMAN:
         if not core.running:  # the 2014 observer, which runs along, has not all that it needs
             T_o_adaptive = f.T_o
-        T_o, T_c, T_e, T_v = f.T_o, T_1 + T_2, f.T_en + f.x[DT_E], f.x[T_V]
+        T_o, T_c, T_e, T_v = f.T_o, T_1 + T_2, f.T_en + torque_error(f), f.x[T_V]
         w_e, w_1, w_2, a_w = f.x[W_E], f.x[W_C1], f.x[W_C1 + 1], f.rate[W_B]
         row.clutch1_sigma_nm = min(f.sigma_1, limit_1)
         row.clutch2_sigma_nm = min(f.sigma_2, limit_2)

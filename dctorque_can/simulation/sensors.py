@@ -91,6 +91,7 @@ class SensorProfile:
         torque_gain: nominal torque on the bus = gain · true torque + offset, ``torque_delay_us`` late.
         torque_offset_nm: see there.
         torque_delay_us: see there; on top of the message's own delay.
+        torque_lag_s: first-order lag of the engine behind the torque on the bus, which is then a demand.
         driven_axle: whose wheels the transmission turns.
         seed: of noise and jitter.
         inertial: errors of the message Inertial, if it is sent.
@@ -102,6 +103,7 @@ class SensorProfile:
     torque_gain: float = 1.0
     torque_offset_nm: float = 0.0
     torque_delay_us: int = 0
+    torque_lag_s: float = 0.0
     driven_axle: Literal["front", "rear", "all"] = "front"
     seed: int = 0
     inertial: InertialErrors = InertialErrors()
@@ -158,6 +160,12 @@ class _Sampled:
         noise = sigma * self.random.standard_normal(len(clean)) if sigma else 0.0
         return np.asarray(clean + noise, np.float64)
 
+    def rate(self, name: str, late_us: int = 0) -> Floats:
+        """Return by how much a value changes in a second."""
+        step_us = 1000  # that of the truth
+        value, before = self.value(name, late_us=late_us), self.value(name, late_us=late_us + step_us)
+        return (value - before) * (1e6 / step_us)
+
     def state(self, name: str) -> NDArray[np.int64]:
         rows = np.searchsorted(self.truth["t_us"], self.at_us, side="right") - 1
         return np.asarray(self.truth[name][rows], np.int64)
@@ -166,6 +174,8 @@ class _Sampled:
 def _engine(s: _Sampled) -> dict[str, Floats]:
     profile = s.profile
     torque = s.value("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
+    if profile.torque_lag_s > 0.0:
+        torque += profile.torque_lag_s * s.rate("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
     torque = profile.torque_gain * torque + profile.torque_offset_nm
     speed = s.value("engine_speed_rad_s", profile.noise.engine_speed_rad_s)
     noise = profile.noise.engine_torque_nm * s.random.standard_normal(len(torque))

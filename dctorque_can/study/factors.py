@@ -149,6 +149,10 @@ def _sensors(car: Car, **changes: Any) -> Car:
     return replace(car, sensors=replace(car.sensors, **changes))
 
 
+def _torque_lag(car: Car, lag_ms: float) -> Car:
+    return _sensors(car, torque_lag_s=car.sensors.torque_lag_s + lag_ms / 1000.0)
+
+
 def _torque_gain(car: Car, gain: float) -> Car:
     return _sensors(car, torque_gain=gain * car.sensors.torque_gain)
 
@@ -251,6 +255,14 @@ FACTORS: Mapping[str, Factor] = {
         ),
         Factor("sensor_noise_factor", "Noise (σ) of every sensor at once", 1, 0, 100, _noise(*_NOISES)),
         Factor("bus_delay_ms", "Further delay of every frame", 0, 0, 1000, _bus_delay),
+        Factor(
+            "engine_torque_lag_ms",
+            "Lag of the engine behind the nominal torque, which is then a demand",
+            0,
+            0,
+            1000,
+            _torque_lag,
+        ),
     )
 }
 """Every factor by its name. Order matters: it decides which Sobol' dimension a factor draws from."""
