@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import Config
 from dctorque_can.estimators import kalman_noise, tape
-from dctorque_can.estimators.kalman_model import N, Tables
+from dctorque_can.estimators.kalman_model import GAIN, N, Tables
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.frames import Frames
 
@@ -25,12 +25,20 @@ SAMPLES = 500  # whose operations surely have room on the tape
 
 
 def predict(
-    x: Floats, P: Floats, T_en: float, tables: Tables, model: int, step: int, factors: tuple[float, ...]
+    x: Floats,
+    P: Floats,
+    T_en: float,
+    per_error: Floats,
+    tables: Tables,
+    model: int,
+    step: int,
+    factors: tuple[float, ...],
 ) -> tuple[Floats, Floats]:
-    """Return state and covariance one step on; ``factors`` of `kalman_noise.process_noise`."""
+    """Return state and covariance one step on; ``per_error`` of `kalman.FILTER`, ``factors`` of `process_noise`."""
     noises = (tables.noise_1, tables.noise_2, tables.noise_x, tables.noise_v, tables.noise_e)
     Q = tables.noise[model, step] + sum(q * noise[model, step] for q, noise in zip(factors, noises, strict=True))
-    F = tables.phi[model, step]
+    F = tables.phi[model, step].copy()
+    F[:, GAIN:] += np.outer(tables.input[model, step], per_error)
     return F @ x + tables.input[model, step] * T_en, F @ P @ F.T + Q
 
 
@@ -91,7 +99,7 @@ def cost(configs: dict[str, Config], frames: Frames) -> dict[str, float]:
     for what, a, b in work:
         if what == tape.PREDICT:
             factors = kalman_noise.process_noise(f, tuning, 1, 0, False, False)
-            x, P = predict(x, P, 100.0, k.tables, a, b, factors)
+            x, P = predict(x, P, 100.0, f["per_error"], k.tables, a, b, factors)
         else:
             x, P = measure(x, P, a, x[a], 0.01)
     us["plain"] = 1e6 * (time.thread_time() - start) / len(frames)

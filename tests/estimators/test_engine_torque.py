@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import kalman
-from dctorque_can.estimators.kalman_model import DT_E, W_D, W_E
+from dctorque_can.estimators import kalman, kalman_engine, kalman_gearbox
+from dctorque_can.estimators.kalman_model import DT_E, GAIN, LAG_1, LAG_2, W_D, W_E
 from dctorque_can.resources import shipped_config
 
 SETTINGS = load_config(shipped_config("paper_car")).settings
@@ -27,7 +27,7 @@ def turn(k, f, told):
     """Let a free engine run through torques that the bus tells every 10 ms; return its angular momentum, N·m·s."""
     for torque in told:
         kalman.predict(f, k.tables, k.tuning[0], OPEN, OPEN, False, False, int(f["t_us"]) + PERIOD_US)
-        kalman.take_engine_torque(f, k.tuning[0], torque)
+        kalman_engine.take_engine_torque(f, k.tuning[0], torque)
     vehicle = SETTINGS.vehicle
     return vehicle.engine_inertia_kgm2 * (f["x"][W_E] - 100.0) + vehicle.damper.inertia_kgm2 * (
         f["x"][W_D] - 100.0
@@ -53,7 +53,7 @@ def test_an_engine_with_a_lag_follows_a_step():
     f["told"] = 100.0
     mean, before = [], f["T_en"]
     for _ in range(8):
-        mean.append(kalman.follow_torque(f, k.tuning[0], 0.01))
+        mean.append(kalman_engine.follow_torque(f, k.tuning[0], 0.01))
     assert before == 0.0
     assert f["T_en"] == pytest.approx(100.0 * (1.0 - np.exp(-1.0)))
     assert 0.01 * sum(mean) == pytest.approx(100.0 * (0.08 - 0.08 * (1.0 - np.exp(-1.0))))
@@ -69,7 +69,64 @@ def test_only_what_nothing_has_told_is_made_up_for(silence_us, speed_us, seconds
     f["t_us"] += silence_us
     if speed_us is not None:
         f["accepted"][0], f["accepted_us"][0] = 100.0, f["t_us"] - speed_us
-    kalman.take_engine_torque(f, k.tuning[0], 100.0)
+    kalman_engine.take_engine_torque(f, k.tuning[0], 100.0)
     made_up = 100.0 * 0.5 * seconds / SETTINGS.vehicle.engine_inertia_kgm2
     assert f["x"][W_E] - before == pytest.approx(made_up)
     assert f["x"][DT_E] == 0.0
+
+
+def learn(lag_s, gain=1.0, seconds=6.0):
+    """Turn a free engine by a torque whose signal is a demand, or wrong by a factor; return the filter's state.
+
+    The demand alternates between ramps and rests of up to 150 N·m; the engine speed comes every 10 ms with noise.
+    """
+    k, f = started()
+    tuning, J = k.tuning[0], SETTINGS.vehicle.engine_inertia_kgm2 + SETTINGS.vehicle.damper.inertia_kgm2
+    random = np.random.default_rng(4)
+    noise = SETTINGS.kalman.engine_speed_noise_rad_s
+    t = 1e-3 * np.arange(1, round(1000 * seconds) + 1)
+    demand = np.interp(t, np.arange(13) * 0.5, 150.0 * np.array([0, 0, 1, -1, -1, 1, 0, 0.5, -1, 1, 0, 0, 0]))
+    torque, w, now = np.zeros(len(t)), np.full(len(t), 100.0), 0.0
+    for n in range(1, len(t)):
+        now = demand[n] if lag_s == 0.0 else now + (demand[n] - now) * 1e-3 / lag_s
+        torque[n] = now
+        w[n] = w[n - 1] + 1e-3 * torque[n] / J
+    for n in range(9, len(t), 10):
+        kalman.predict(f, k.tables, tuning, OPEN, OPEN, False, False, round(1e6 * t[n]))
+        kalman_engine.take_engine_torque(f, tuning, gain * demand[n])
+        kalman_gearbox.apply_phases(f, tuning, True, True)
+        kalman.measure(f, W_E, w[n] + noise * random.standard_normal(), noise**2)
+        f["accepted"][0], f["accepted_us"][0] = w[n], f["t_us"]
+    return f
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.04, 0.08, 0.15, 0.25])
+def test_a_lag_that_nobody_told_is_learned(lag_s):
+    """Of one free engine, in six seconds, with its uncertainty."""
+    f = learn(lag_s)
+    assert f["x"][LAG_1] + f["x"][LAG_2] == pytest.approx(lag_s, abs=0.012 + 0.06 * lag_s)
+    sigma = np.sqrt(f["P"][LAG_1 : LAG_2 + 1, LAG_1 : LAG_2 + 1].sum())
+    assert sigma < 0.012
+
+
+@pytest.mark.parametrize("gain", [0.93, 1.06])
+def test_a_gain_that_is_wrong_is_learned(gain):
+    """Slowly, beside an error that changes within seconds: a quarter of it at least in these six."""
+    f, error = learn(0.0, gain), 1.0 / gain - 1.0
+    assert f["x"][GAIN] == pytest.approx(error, abs=0.75 * abs(error))
+    assert abs(f["x"][GAIN] - error) < 2.0 * np.sqrt(f["P"][GAIN, GAIN])
+
+
+def test_noise_of_the_torque_is_no_lag():
+    """±1 N·m around idle for a minute, while the engine keeps its speed."""
+    k, f = started()
+    random = np.random.default_rng(6)
+    noise = SETTINGS.kalman.engine_speed_noise_rad_s
+    for n in range(1, 6001):
+        kalman.predict(f, k.tables, k.tuning[0], OPEN, OPEN, False, False, n * PERIOD_US)
+        kalman_engine.take_engine_torque(f, k.tuning[0], np.round(random.normal(0.0, 0.5)))
+        kalman_gearbox.apply_phases(f, k.tuning[0], True, True)
+        kalman.measure(f, W_E, 100.0 + noise * random.standard_normal(), noise**2)
+    assert abs(f["x"][LAG_1]) < 0.005
+    assert abs(f["x"][LAG_2]) < 0.005
+    assert abs(f["x"][GAIN]) < 0.005

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, kalman_noise
+from dctorque_can.estimators import kalman, kalman_engine, kalman_faults, kalman_gearbox, kalman_noise
 from dctorque_can.estimators.kalman_faults import SensorFault
 from dctorque_can.estimators.kalman_model import STEPS_US, N, State
 from dctorque_can.estimators.kalman_tuning import tuning as tuning_of
@@ -42,7 +42,7 @@ def model(k, step):
     t, row = k.tables, k.tables.row[2, 3] + 3
     rate, at_wheel = DESIGN.slipping_torque_rate_nm_per_s, VEHICLE.gear(1).total_ratio
     tyre = 15.0**2 + 2.0 * DESIGN.torque_rate_time_s * (DESIGN.tyre_torque_share * at_wheel * rate) ** 2
-    engine = DESIGN.engine_torque_error_nm**2 + (DESIGN.engine_torque_error_share * T_EN) ** 2
+    engine = DESIGN.engine_torque_error_nm**2 + 0.25 * (DESIGN.engine_torque_error_share * T_EN) ** 2
     Q = (
         t.noise[row, step]
         + rate**2 * (t.noise_1[row, step] + t.noise_2[row, step])
@@ -51,6 +51,17 @@ def model(k, step):
         + engine * t.noise_e[row, step]
     )
     return t.phi[row, step], t.input[row, step], Q
+
+
+def with_errors(F, b, lagged, step):
+    """F with what a gain and both lags of the nominal torque do in a step; ``lagged`` is carried to its end."""
+    F, h = F.copy(), STEPS_US[step] * 1e-6
+    F[:, State.GAIN] += b * (lagged[0] - 5.0**2 / lagged[0])
+    for m, state in enumerate((State.LAG_1, State.LAG_2)):
+        lag = kalman_engine.LAGS[m]
+        before, lagged[m] = lagged[m], T_EN + (lagged[m] - T_EN) * np.exp(-h / lag)
+        F[:, state] -= b * (lagged[m] - before) / h * max(1.0 - (2.0 / (T_EN - before)) ** 2, 0.0)
+    return F
 
 
 def predict(k, t_us):
@@ -80,9 +91,12 @@ def test_one_step_is_that_of_plain_matrices(tables):
     root = np.random.default_rng(3).normal(0.0, 1.0, (N, N)) * np.sqrt(np.diag(f["P"]))[:, None]
     x, P = f["x"] + root @ np.ones(N), root @ root.T / N
     f["x"][:], f["P"][:] = x, P
+    lagged = np.array([50.0, 20.0])
+    f["lagged"][:] = lagged
     predict(k, 5000)
     for step in (STEPS_US.index(4000), STEPS_US.index(1000)):
         F, b, Q = model(k, step)
+        F = with_errors(F, b, lagged, step)
         x, P = F @ x + b * T_EN, F @ P @ F.T + Q
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
     np.testing.assert_allclose(f["x"], x, rtol=1e-9, atol=1e-9)
@@ -118,8 +132,10 @@ def test_consistent_on_data_of_its_own_model(tables):
         values, vectors = np.linalg.eigh(Q)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         x = f["x"] + np.sqrt(np.diag(f["P"])) * random.standard_normal(N)
+        lagged = np.array([40.0, 10.0])
+        f["lagged"][:] = lagged
         for n in range(samples):
-            x = F @ x + b * T_EN + root @ random.standard_normal(N)
+            x = with_errors(F, b, lagged, step) @ x + b * T_EN + root @ random.standard_normal(N)
             predict(k, 4000 * (n + 1))
             for sensor, state in enumerate(SPEEDS):
                 z = x[state] + noise[sensor] * random.standard_normal()

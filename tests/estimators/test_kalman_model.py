@@ -65,6 +65,9 @@ def right_hand_side(vehicle, design, g1, g2, x, T_en):
         S.R_2: -x[S.R_2] / design.torque_rate_time_s,
         S.T_V: 0.0,
         S.DT_E: -x[S.DT_E] / design.engine_torque_error_time_s,
+        S.GAIN: -x[S.GAIN] / 20.0,
+        S.LAG_1: -x[S.LAG_1] / 300.0,
+        S.LAG_2: -x[S.LAG_2] / 300.0,
     }
     return np.array([rate[state] for state in State]), T_o
 

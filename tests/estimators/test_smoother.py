@@ -14,7 +14,15 @@ import pytest
 from scipy.stats import chi2
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import kalman, kalman_faults, kalman_gearbox, kalman_noise, smoother, tape
+from dctorque_can.estimators import (
+    kalman,
+    kalman_engine,
+    kalman_faults,
+    kalman_gearbox,
+    kalman_noise,
+    smoother,
+    tape,
+)
 from dctorque_can.estimators.kalman_model import STEPS_US, N, State
 from dctorque_can.estimators.kalman_tuning import tuning as tuning_of
 from dctorque_can.resources import shipped_config
@@ -52,7 +60,10 @@ def model(k, step, phases=(SLIPPING, LOCKED)):
     noises = (t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e)
     factors = kalman_noise.process_noise(f, tuning, *phases, False, False)
     Q = t.noise[row, step] + sum(q * noise[row, step] for q, noise in zip(factors, noises, strict=True))
-    return t.phi[row, step], t.input[row, step], Q
+    F, b = t.phi[row, step].copy(), t.input[row, step]
+    kalman_engine.follow_torque(f, tuning, STEPS_US[step] * 1e-6)
+    F[:, S.GAIN :] += np.outer(b, f["per_error"])
+    return F, b, Q
 
 
 def predict(k, t_us, phases=(SLIPPING, LOCKED)):
@@ -236,8 +247,9 @@ def test_whatever_the_filter_does_is_undone(tables):
     jump = 60.0
     held = 1e-6 * min(f["t_us"] - f["torque_us"], f["t_us"] - f["accepted_us"][0])
     assert 0.0 <= held <= 0.05
-    dense.x[S.W_E] += 0.5 * jump * held / tuning["J_e"]
-    kalman.take_engine_torque(f, tuning, T_EN + jump)
+    at_once = 1.0 - dense.x[S.LAG_1] / kalman_engine.LAGS[0] - dense.x[S.LAG_2] / kalman_engine.LAGS[1]
+    dense.x[S.W_E] += 0.5 * jump * held / tuning["J_e"] * at_once
+    kalman_engine.take_engine_torque(f, tuning, T_EN + jump)
     dense.P[S.DT_E, S.DT_E] += (tuning["engine_share"] * jump) ** 2
     dense.P[S.W_E, S.W_E] += (tuning["engine_delay"] * jump) ** 2
     step((OPEN, LOCKED))
@@ -280,7 +292,7 @@ def test_whatever_the_filter_does_is_undone(tables):
         piece = k.state.copy()
         t = piece["tape"][0]
         operations, rows = (slice(a, b) for a, b in zip(begin, end, strict=True))
-        for name in ("what", "which", "times", "S", "e", "K"):
+        for name in ("what", "which", "per_error", "times", "S", "e", "K"):
             t[name][: end[0] - begin[0]] = f["tape"][name][operations]
         for name in ("after", "torque", "sigma", "correlation", "MP", "neutral"):
             t[name][: end[1] - begin[1]] = f["tape"][name][rows]
