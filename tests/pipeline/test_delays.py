@@ -147,7 +147,7 @@ def test_a_known_delay_costs_little_and_an_unknown_one_much(taken, truth):
     at_once = errors(Estimator(SETTINGS).feed(taken).rows, truth)
     known = errors(Estimator(delayed(SETTINGS)).feed(data).rows, truth)
     unknown = errors(Estimator(SETTINGS).feed(data).rows, truth)
-    assert (known < 0.3 * unknown).all(), (at_once, known, unknown)
+    assert (known < 0.35 * unknown).all(), (at_once, known, unknown)
     assert (known < 3.0 * at_once).all(), (at_once, known, unknown)
 
 

