@@ -96,6 +96,7 @@ def replay(
         if result.health["nis"]:
             sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())
             say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
+            say(learned(result.health["engine_torque"]))
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")
         if result.errors is not None:
@@ -123,3 +124,12 @@ def _config(
     from dctorque_can.daemon.replay import config_of
 
     return config_of(readers, configuration.overrides(settings, interface, channel))
+
+
+def learned(engine_torque: dict[str, float]) -> str:
+    """Say what was learned of the nominal engine torque by the end."""
+    gain, gain_sigma, lag, lag_sigma = engine_torque.values()
+    return (
+        f"engine torque against the nominal one: {100 * gain:+.1f} ± {100 * gain_sigma:.1f} %, "
+        f"{1000 * lag:+.0f} ± {1000 * lag_sigma:.0f} ms late (beyond engine_torque_lag_ms)"
+    )

@@ -82,8 +82,16 @@ class Summary:
 _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 
 
+_LEARNED = (
+    "engine_torque_gain_error",
+    "engine_torque_gain_sigma",
+    "engine_torque_lag_error_s",
+    "engine_torque_lag_sigma_s",
+)
+
+
 def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
-    """Return what a `HEALTH` record ``[1]`` has counted: resets, late frames, inputs by fault, innovations."""
+    """Return what a `HEALTH` record ``[1]`` has counted, and what was learned of the engine torque."""
     record = health[0]
     counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
     for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
@@ -91,6 +99,8 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     sensors = nis(health)
     counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}
     counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
+    learned = {name: float(record[name]) for name in _LEARNED}
+    counts["engine_torque"] = learned if sensors else {}
     return counts
 
 

@@ -4,8 +4,8 @@ The torque that turns the engine is, with the nominal torque T_en and what two f
 
     T_en + g T_l1 − τ_1 (T_en − T_l1)/t_1 − τ_2 (T_en − T_l2)/t_2 + ΔT_e        t_m Ṫ_lm = T_en − T_lm
 
-g, τ_1 and τ_2 are states (`State.GAIN`, `State.LAG_1`, `State.LAG_2`), so it is linear in all that is not known. An
-engine that follows its torque at once has τ_1 = τ_2 = 0, one with the lag t_1 has τ_1 = t_1 exactly, and a lag
+g, τ_1 and τ_2 are states (`State.GAIN`, `State.LAG_1`, `State.LAG_2`), so it is linear in all that is not known.
+An engine that follows its torque at once has τ_1 = τ_2 = 0, one with the lag t_1 has τ_1 = t_1 exactly, and a lag
 between or somewhat beyond is nearly a sum of the two. Torques in N·m, times in s.
 """
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators import oh2014
 from dctorque_can.estimators.design import Method, SubObserver
 from dctorque_can.estimators.kalman_engine import torque_error
-from dctorque_can.estimators.kalman_model import T_V, W_B, W_C1, W_E
+from dctorque_can.estimators.kalman_model import GAIN, LAG_1, LAG_2, T_V, W_B, W_C1, W_E
 from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.decisions import ENGINE_TORQUE, IMPLAUSIBLE_TIME_US, any_stale, braking
@@ -163,6 +164,12 @@ def report(core: Any, health: Any, f: Any, row: Any) -> None:
         row.innovations[sensor] = f.taken[sensor]
         row.innovation_squares[sensor] = f.squares[sensor]
         row.innovations_rejected[sensor] = f.beyond[sensor]
+    row.engine_torque_gain_error = f.x[GAIN]
+    row.engine_torque_gain_sigma = math.sqrt(max(f.P[GAIN, GAIN], 0.0))
+    row.engine_torque_lag_error_s = f.x[LAG_1] + f.x[LAG_2]
+    row.engine_torque_lag_sigma_s = math.sqrt(
+        max(f.P[LAG_1, LAG_1] + 2.0 * f.P[LAG_1, LAG_2] + f.P[LAG_2, LAG_2], 0.0)
+    )
     for quantity in range(N_QUANTITIES):
         row.accepted[quantity] = health.accepted[quantity]
         row.not_available[quantity] = health.not_available[quantity]

@@ -183,16 +183,22 @@ def test_replay_says_what_the_innovations_are_worth(dctorque) -> None:
     assert dctorque("simulate", "-o", "drive.mcap", "--duration", 2).code == 0
     plain = dctorque("replay", "drive.mcap", "-o", "plain.mcap", "--set", "estimator.method=oh2014")
     assert "innovations" not in plain.err
+    assert "engine torque" not in plain.err
     often = ("--set", "estimator.health_period_ms=10")  # the last record tells of nearly all
     kalman = ("replay", "drive.mcap", "-o", "kalman.mcap", "--force", *often)
     shown = dctorque(*kalman)
     assert "normalised innovations squared (1 is right): engine 0." in " ".join(shown.err.split())
+    assert "engine torque against the nominal one: " in " ".join(shown.err.split())
     health = json.loads(dctorque(*kalman, "--json").out)["health"]
     last = read_table(Path("kalman.mcap"), HEALTH)[-1]
     assert list(health["nis"]) == list(SENSORS)
     assert health["nis"]["engine"] == pytest.approx(
         last["innovation_squares"][0] / last["innovations"][0], rel=0.02
     )
+    assert health["engine_torque"] == pytest.approx(
+        {name: last[name] for name in health["engine_torque"]}, rel=0.05, abs=1e-3
+    )
+    assert 0.0 < health["engine_torque"]["engine_torque_lag_sigma_s"] < 0.06
 
 
 def test_the_demo_shows_a_table_to_people(dctorque_process, tmp_path: Path) -> None:
