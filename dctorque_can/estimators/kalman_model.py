@@ -26,12 +26,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from dctorque_can.driveline.parameters import Gear, Vehicle
 from dctorque_can.estimators.design import KalmanDesign
 
 Floats = NDArray[np.float64]
+Step = tuple[Floats, Floats, Floats]
+"""F, response to a constant input, covariance of each noise."""
 
 
 class State(IntEnum):
@@ -66,13 +67,14 @@ W_E, W_D, W_C1, W_C2, W_O, W_W, W_B, TH_D, TH_T1, TH_T2, TH_O, T_X, T_C1, T_C2, 
 )
 GAIN, LAG_1, LAG_2 = _LASTING
 
-STEPS_US = (16_000, 8_000, 4_000, 2_000, 1_000, 500, 250)
-"""A time is bridged by as many of these as fit, the longest first."""
+STEPS_US = (16_000, 8_000, *range(4_000, 0, -250))
+"""A time is bridged by as many of these as fit, the longest first: mostly one, from frame to frame of a bus."""
 
 _HALVINGS = 15  # of the shortest step: there |A| h is small even for an output shaft of 0.0002 kg·m²
 GAIN_TIME = 20.0  # s, for which the torque's error is the same share of it
 LAG_TIME = 300.0  # … and the engine's lag the same
 GAIN_SHARE = 0.75  # of the variance of an error that grows with the torque
+_TERMS = 12  # of the series at such a step
 _SLACK_RATE = 50.0  # 1/s, at which the twist of a shaft in neutral is forgotten
 _LEAST_INERTIA = 1e-4  # kg·m²; a lighter output shaft has no dynamics that any sensor sees
 
@@ -198,38 +200,50 @@ def synchroniser_ratio(vehicle: Vehicle, i: int, other: int) -> float:
     return float(np.mean(ratios)) if ratios else 0.0
 
 
-def discrete(A: Floats, B: Floats, intensity: list[Floats]) -> list[tuple[Floats, Floats, list[Floats]]]:
+def discrete(A: Floats, B: Floats, intensity: Floats) -> list[Step]:
     """Return (F, response to a constant input, covariance of each noise) for each of `STEPS_US`.
 
-    Van Loan (1978) at a step so short that exp(−A h) is harmless, then doubled: F(2h) = F², Q(2h) = F Q Fᵀ + Q.
+    The integrals of Van Loan (1978) by their series at a step so short that |A| h is small, then one step after
+    another (`both`).
 
     Args:
-        A: ``[N, N]``.
-        B: ``[N]``.
-        intensity: of each white noise, ``[N, N]``.
+        A: ``[..., n, n]``, of one model or more.
+        B: ``[n]``.
+        intensity: of each white noise, ``[k, n, n]``.
+
+    Returns:
+        F ``[..., n, n]``, response ``[..., n]`` and covariances ``[k, ..., n, n]`` of each step.
     """
     h = STEPS_US[-1] * 1e-6 / 2**_HALVINGS
-    n = len(A)
-    both = np.zeros((n + 1, n + 1))
-    both[:n, :n], both[:n, n] = A, B
-    step = expm(both * h)
-    F, b = step[:n, :n], step[:n, n]
-    Q = []
-    for q in intensity:
-        block = np.block([[-A, q], [np.zeros((n, n)), A.T]])
-        Q.append(F @ expm(block * h)[:n, n:])
-    result = []
-    for k in range(_HALVINGS + len(STEPS_US)):
-        if k >= _HALVINGS:
-            result.append((F, b, [0.5 * (q + q.T) for q in Q]))
-        b = F @ b + b
-        Q = [F @ q @ F.T + q for q in Q]
-        F = F @ F
-    return result[::-1]
+    n = len(B)
+    At = np.swapaxes(A, -1, -2)
+    power = np.broadcast_to(np.eye(n), A.shape)  # (A h)^m / m!
+    q = h * intensity.reshape(len(intensity), *(1,) * (A.ndim - 2), n, n)
+    q = np.broadcast_to(q, (len(intensity), *A.shape))
+    F, b, Q = np.zeros(A.shape), np.zeros(A.shape[:-1]), np.zeros(q.shape)
+    for m in range(1, _TERMS + 1):
+        F, b, Q = F + power, b + h / m * (power @ B), Q + q
+        power = h / m * (power @ A)
+        q = h / (m + 1) * (A @ q + q @ At)
+    finest = F, b, Q
+    for _ in range(_HALVINGS):
+        finest = both(finest, finest)
+    found = {STEPS_US[-1]: finest}
+    for length in STEPS_US[-2::-1]:
+        shorter = max(known for known in found if known < length)
+        found[length] = both(found[shorter], found[length - shorter])
+    return [found[length] for length in STEPS_US]
+
+
+def both(first: Step, second: Step) -> Step:
+    """Return the step that two make, one after the other: F₂ F₁, F₂ b₁ + b₂, F₂ Q₁ F₂ᵀ + Q₂."""
+    F, b, Q = second
+    Q = F @ first[2] @ np.swapaxes(F, -1, -2) + Q
+    return F @ first[0], (F @ first[1][..., None])[..., 0] + b, 0.5 * (Q + np.swapaxes(Q, -1, -2))
 
 
 def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool = True) -> Tables:
-    """Return the discrete model of every pair of gears; takes a tenth of a second.
+    """Return the discrete model of every pair of gears.
 
     Args:
         vehicle: parameters.
@@ -240,26 +254,21 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int, needed: bool
     pairs = list(product(*([0, *(gear.number for gear in vehicle.gears_on(i))] for i in (1, 2))))
     if not needed:
         pairs = []
-    rows, steps = 4 * len(pairs), len(STEPS_US)
     row = np.full((table_size, table_size), -1, np.int64)
-    matrices = [np.zeros((rows, steps, N, N)) for _ in range(7)]
-    response = np.zeros((rows, steps, N))
+    A, T_o = np.zeros((4 * len(pairs), N, N)), np.zeros(N)
+    for first, (gear1, gear2) in zip(range(0, len(A), 4), pairs, strict=True):
+        row[gear1 + 1, gear2 + 1] = first
+        for k, drives in enumerate(product((False, True), repeat=2)):
+            A[first + k], T_o = continuous(vehicle, design, gear1, gear2, (drives[0], drives[1]))
     B = np.zeros(N)
     B[W_E] = 1.0 / vehicle.engine_inertia_kgm2
-    rate_1, rate_2, tyre, load, engine = (np.zeros((N, N)) for _ in range(5))
-    rate_1[R_1, R_1] = rate_2[R_2, R_2] = 2.0 / design.torque_rate_time_s
-    tyre[T_X, T_X] = load[T_V, T_V] = 1.0
-    engine[DT_E, DT_E] = 2.0 / design.engine_torque_error_time_s
-    T_o = np.zeros(N)
-    for first, (gear1, gear2) in zip(range(0, rows, 4), pairs, strict=True):
-        row[gear1 + 1, gear2 + 1] = first
-        noises = [intensities(design), rate_1, rate_2, tyre, load, engine]
-        for drives in product((False, True), repeat=2):
-            k = first + 2 * drives[0] + drives[1]
-            A, T_o = continuous(vehicle, design, gear1, gear2, (drives[0], drives[1]))
-            for step, (F, b, Q) in enumerate(discrete(A, B, noises)):
-                response[k, step] = b
-                for matrix, value in zip(matrices, (F, *Q), strict=True):
-                    matrix[k, step] = value
-    phi, noise, noise_1, noise_2, noise_x, noise_v, noise_e = matrices
-    return Tables(row, phi, response, noise, noise_1, noise_2, noise_x, noise_v, noise_e, T_o)
+    intensity = np.zeros((6, N, N))
+    intensity[0] = intensities(design)
+    intensity[1, R_1, R_1] = intensity[2, R_2, R_2] = 2.0 / design.torque_rate_time_s
+    intensity[3, T_X, T_X] = intensity[4, T_V, T_V] = 1.0
+    intensity[5, DT_E, DT_E] = 2.0 / design.engine_torque_error_time_s
+    phi, response = np.zeros((len(A), len(STEPS_US), N, N)), np.zeros((len(A), len(STEPS_US), N))
+    noise = np.zeros((6, *phi.shape))
+    for step, (F, b, Q) in enumerate(discrete(A, B, intensity)):
+        phi[:, step], response[:, step], noise[:, :, step] = F, b, Q
+    return Tables(row, phi, response, noise[0], noise[1], noise[2], noise[3], noise[4], noise[5], T_o)
