@@ -34,7 +34,10 @@ def predict(
     step: int,
     factors: tuple[float, ...],
 ) -> tuple[Floats, Floats]:
-    """Return state and covariance one step on; ``per_error`` of `kalman.FILTER`, ``factors`` of `process_noise`."""
+    """Return state and covariance one step on.
+
+    ``per_error`` is that of `kalman.FILTER`, ``factors`` those of `kalman_noise.process_noise`.
+    """
     noises = (tables.noise_1, tables.noise_2, tables.noise_x, tables.noise_v, tables.noise_e)
     Q = tables.noise[model, step] + sum(q * noise[model, step] for q, noise in zip(factors, noises, strict=True))
     F = tables.phi[model, step].copy()

@@ -128,8 +128,9 @@ def _config(
 
 def learned(engine_torque: dict[str, float]) -> str:
     """Say what was learned of the nominal engine torque by the end."""
-    gain, gain_sigma, lag, lag_sigma = engine_torque.values()
     return (
-        f"engine torque against the nominal one: {100 * gain:+.1f} ± {100 * gain_sigma:.1f} %, "
-        f"{1000 * lag:+.0f} ± {1000 * lag_sigma:.0f} ms late (beyond engine_torque_lag_ms)"
+        "engine torque against the nominal one: "
+        f"{100 * engine_torque['gain_error']:+.1f} ± {100 * engine_torque['gain_sigma']:.1f} %, "
+        f"{1000 * engine_torque['lag_error_s']:+.0f} ± {1000 * engine_torque['lag_sigma_s']:.0f} ms late "
+        "(beyond engine_torque_lag_ms)"
     )

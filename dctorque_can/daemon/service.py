@@ -82,12 +82,7 @@ class Summary:
 _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 
 
-_LEARNED = (
-    "engine_torque_gain_error",
-    "engine_torque_gain_sigma",
-    "engine_torque_lag_error_s",
-    "engine_torque_lag_sigma_s",
-)
+_LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
 
 
 def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
@@ -99,7 +94,7 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     sensors = nis(health)
     counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}
     counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
-    learned = {name: float(record[name]) for name in _LEARNED}
+    learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
     counts["engine_torque"] = learned if sensors else {}
     return counts
 

@@ -18,7 +18,7 @@ from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import kalman_model, kalman_tuning, tape
 from dctorque_can.estimators.design import KalmanDesign
-from dctorque_can.estimators.kalman_engine import follow_torque
+from dctorque_can.estimators.kalman_engine import FIRST_NOISE, follow_torque
 from dctorque_can.estimators.kalman_learning import forget_noise
 from dctorque_can.estimators.kalman_model import (
     DT_E,
@@ -70,10 +70,12 @@ FILTER = np.dtype(
         ("recent_inertial", "f8"),
         ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
         ("T_en", "f8"),  # nominal engine torque, behind the engine's lag
-        ("lagged", "f8", (2,)),  # … behind each of `kalman_engine.LAGS` besides
-        ("per_error", "f8", (3,)),  # N·m in the last step, per unit of the states GAIN, LAG_1 and LAG_2
         ("told", "f8"),  # … as the last frame with one told it, and its time
         ("torque_us", "i8"),
+        ("told_before", "f8"),  # … as the frame before that one did
+        ("torque_noise", "f8"),  # … and its noise, as learned
+        ("lagged", "f8", (2,)),  # T_en behind each of `kalman_engine.LAGS`
+        ("per_error", "f8", (3,)),  # N·m in the last step, per unit of the states GAIN, LAG_1 and LAG_2
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
         ("gear", "i8", (2,)),
         ("drives", "u1", (2,)),  # direction of the losses
@@ -163,7 +165,8 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.lagged[0] = f.lagged[1] = T_en
     for m in range(3):
         f.per_error[m] = 0.0
-    f.T_en = f.told = f.recent_torque = T_en
+    f.torque_noise = FIRST_NOISE
+    f.T_en = f.told = f.told_before = f.recent_torque = T_en
     f.recent_output = f.recent_inertial = f.T_o = 0.0
     for i in range(2):
         f.torque_rate[i] = tuning.rate[_OPEN]

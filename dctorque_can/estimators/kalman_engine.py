@@ -22,6 +22,11 @@ LAGS = (0.08, 0.25)  # s: of the torque path of a diesel engine, and of the air 
 _LONGEST_RAMP_US = 50_000
 _SURELY_CHANGED = 2.0  # N·m; a smaller change may be noise, which would be taken for a lag that smooths it
 _SURELY_THERE = 5.0  # … and for a gain
+_CERTAIN = 4.5  # standard deviations of the torque signal's noise, likewise
+_LEAST_NOISE = 0.3  # N·m
+FIRST_NOISE = 2.0  # … until it is known
+_MEDIAN = 0.455  # of χ² with one degree of freedom
+_LEARNED = 0.02  # share by which a sample changes the noise's variance: a second or two of 100 Hz
 _ENGINE = 0
 _LOCKED = int(ClutchPhase.LOCKED)
 
@@ -32,8 +37,10 @@ def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
 
     Since the last one it has risen or fallen evenly, and was not held: half of the change is made up for, as far
     as the engine speed has not told it. After a silence nothing is known of the time between.
+    That it depends on the lags enters the state alone: the covariance has `engine_torque_delay_ms` for it.
     """
     change = T_en - f.told
+    learn_torque_noise(f, T_en)
     f.P[DT_E, DT_E] += (tuning.engine_share * change) ** 2
     f.P[W_E, W_E] += (tuning.engine_delay * change) ** 2
     half = 0.5e-6 * (f.t_us - f.torque_us)
@@ -49,7 +56,18 @@ def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
             f.lagged[m] -= change * math.expm1(-half / LAGS[m])
     else:
         f.T_en -= change * math.expm1(-half / tuning.engine_lag)
-    f.told, f.torque_us = T_en, f.t_us
+    f.told_before, f.told, f.torque_us = f.told, T_en, f.t_us
+
+
+@compiled_without_allocation
+def learn_torque_noise(f: Any, T_en: float) -> None:
+    """Learn the noise of the torque signal from how it bends: its second difference has six times the variance.
+
+    The variance is moved until half of the samples are above its median, so that steps and kinks hardly count.
+    """
+    bend = T_en - 2.0 * f.told + f.told_before
+    above = bend * bend > 6.0 * _MEDIAN * f.torque_noise**2
+    f.torque_noise = max(f.torque_noise * (1.0 + (0.5 if above else -0.5) * _LEARNED), _LEAST_NOISE)
 
 
 @compiled_without_allocation
@@ -70,12 +88,13 @@ def follow_torque(f: Any, tuning: Any, h: float) -> float:
         behind = f.T_en - f.told
         f.T_en -= share * behind
         T_en = f.told + behind * share * tuning.engine_lag / h
-    f.per_error[0] = beyond(f.lagged[0], _SURELY_THERE)
+    noise = _CERTAIN * f.torque_noise
+    f.per_error[0] = beyond(f.lagged[0], max(_SURELY_THERE, noise))
     for m in range(2):
         share = -math.expm1(-h / LAGS[m])
         change = T_en - f.lagged[m]
         f.lagged[m] += share * change
-        f.per_error[1 + m] = -beyond(change, _SURELY_CHANGED) * share / h
+        f.per_error[1 + m] = -beyond(change, max(_SURELY_CHANGED, noise)) * share / h
     return float(T_en)
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman import measure
+from dctorque_can.estimators.kalman import forget, measure
 from dctorque_can.estimators.kalman_learning import learn_noise
-from dctorque_can.estimators.kalman_model import DT_E
+from dctorque_can.estimators.kalman_model import DT_E, GAIN, LAG_1, LAG_2
 
 
 class SensorFault(IntEnum):
@@ -205,3 +205,11 @@ def surprise(f: Any, tuning: Any, sensor: int, i: int, e: float) -> None:
     if sensor == _ENGINE:  # then the nominal torque is not what the engine gives
         lasting = max((f.t_us - f.fault_us[sensor]) * 1e-6, 0.01)
         f.P[DT_E, DT_E] += (tuning.J_e * e / lasting) ** 2
+
+
+@compiled_without_allocation
+def forget_lasting_errors(f: Any, tuning: Any) -> None:
+    """Forget gain and lag of the nominal torque: what it was lately is no torque that they would explain."""
+    forget(f, GAIN, 0.0, tuning.gain_error**2)
+    forget(f, LAG_1, 0.0, tuning.lag_error**2)
+    forget(f, LAG_2, 0.0, tuning.lag_error**2)

@@ -96,12 +96,9 @@ HEALTH = np.dtype(
         ("innovations", "i8", (len(SENSORS),)),  # speeds that the Kalman filter took; 0 with the 2014 observer
         ("innovation_squares", "f8", (len(SENSORS),)),  # … and the sum of their normalised innovations squared
         ("innovations_rejected", "i8", (len(SENSORS),)),  # speeds beyond its gate
-        (
-            "engine_torque_gain_error",
-            "f8",
-        ),  # by which share the engine's torque is above the nominal one
-        ("engine_torque_gain_sigma", "f8"),
-        ("engine_torque_lag_error_s", "f8"),  # of the engine behind it, beyond the configured one; both learned
+        ("engine_torque_gain_error", "f8"),  # learned share that the engine's torque is above the nominal one, …
+        ("engine_torque_gain_sigma", "f8"),  # its standard deviation, 0 with the 2014 observer
+        ("engine_torque_lag_error_s", "f8"),  # … and time that it is behind it, beyond the configured one
         ("engine_torque_lag_sigma_s", "f8"),
         ("accepted", "u4", (N_QUANTITIES,)),  # samples since the start, likewise below
         ("not_available", "u4", (N_QUANTITIES,)),

@@ -164,6 +164,7 @@ def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
     variance = engine_variance(tuning, f.T_en) + (tuning.gain_error * f.T_en) ** 2
     if error * error > _IMPLAUSIBLE_TORQUE**2 * (variance + f.P[DT_E, DT_E]):
         kalman_faults.blame(f, _TORQUE, _BIASED)
+        kalman_faults.forget_lasting_errors(f, tuning)
     else:
         f.fault[_TORQUE] = _NONE
 

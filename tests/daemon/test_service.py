@@ -43,6 +43,7 @@ class Live:
 
     def wait_for(self, frames: int) -> None:
         while self.service.received < frames:
+            assert self.thread.is_alive(), self.told
             time.sleep(0.002)
 
     def stop(self) -> Summary:
