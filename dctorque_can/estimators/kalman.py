@@ -73,6 +73,7 @@ FILTER = np.dtype(
         ("told", "f8"),  # … as the last frame with one told it, and its time
         ("torque_us", "i8"),
         ("told_before", "f8"),  # … as the frame before that one did
+        ("held", "f8"),  # … that jumped and waits for the next one to confirm it; NaN: none
         ("torque_noise", "f8"),  # … and its noise, as learned
         ("lagged", "f8", (2,)),  # T_en behind each of `kalman_engine.LAGS`
         ("per_error", "f8", (3,)),  # N·m in the last step, per unit of the states GAIN, LAG_1 and LAG_2
@@ -165,7 +166,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.lagged[0] = f.lagged[1] = T_en
     for m in range(3):
         f.per_error[m] = 0.0
-    f.torque_noise = FIRST_NOISE
+    f.torque_noise, f.held = FIRST_NOISE, math.nan
     f.T_en = f.told = f.told_before = f.recent_torque = T_en
     f.recent_output = f.recent_inertial = f.T_o = 0.0
     for i in range(2):

@@ -18,7 +18,7 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman_model import DT_E, GAIN, LAG_1, LAG_2, W_E
 
-LAGS = (0.08, 0.25)  # s: of the torque path of a diesel engine, and of the air path of a petrol engine
+LAGS = (0.08, 0.25)  # s
 _LONGEST_RAMP_US = 50_000
 _SURELY_CHANGED = 2.0  # N·m; a smaller change may be noise, which would be taken for a lag that smooths it
 _SURELY_THERE = 5.0  # … and for a gain
@@ -27,8 +27,26 @@ _LEAST_NOISE = 0.3  # N·m
 FIRST_NOISE = 2.0  # … until it is known
 _MEDIAN = 0.455  # of χ² with one degree of freedom
 _LEARNED = 0.02  # share by which a sample changes the noise's variance: a second or two of 100 Hz
+_JUMP = 60.0  # N·m from one torque to the next that must be confirmed
+_FASTEST = 2000.0  # … and N·m/s for the time between
 _ENGINE = 0
 _LOCKED = int(ClutchPhase.LOCKED)
+
+
+@compiled_without_allocation
+def judge_jump(f: Any, T_en: float) -> tuple[bool, bool]:
+    """Return whether a nominal engine torque can be taken, and whether the one before it was a spike.
+
+    A torque that jumps is held back, as ``f.held``, until the next one confirms it by being nearer to it than to
+    the last one that was taken.
+    """
+    distance = abs(T_en - f.told)
+    spike = distance <= abs(T_en - f.held)  # not of a NaN: none was held back
+    if distance > _JUMP + _FASTEST * 1e-6 * (f.t_us - f.torque_us) and not abs(T_en - f.held) < distance:
+        f.held = T_en
+        return False, spike
+    f.held = math.nan
+    return True, spike
 
 
 @compiled_without_allocation

@@ -154,8 +154,11 @@ def phase_of(core: Any, i: int) -> int:
 @compiled_without_allocation
 def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
     """Take a new nominal engine torque, or let the old one age; judge it by the error that the speeds tell of."""
+    spike = False
     if core.fresh[ENGINE_TORQUE]:
-        kalman_engine.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
+        taken, spike = kalman_engine.judge_jump(f, core.value[ENGINE_TORQUE])
+        if taken:
+            kalman_engine.take_engine_torque(f, tuning, core.value[ENGINE_TORQUE])
     if core.stale[ENGINE_TORQUE]:
         kalman_engine.let_engine_torque_age(f, tuning, seconds)
         kalman_faults.blame(f, _TORQUE, _MISSING)
@@ -165,7 +168,9 @@ def take_torque(core: Any, f: Any, tuning: Any, seconds: float) -> None:
     if error * error > _IMPLAUSIBLE_TORQUE**2 * (variance + f.P[DT_E, DT_E]):
         kalman_faults.blame(f, _TORQUE, _BIASED)
         kalman_faults.forget_lasting_errors(f, tuning)
-    else:
+    elif spike:
+        kalman_faults.blame(f, _TORQUE, _SPIKE)
+    elif core.fresh[ENGINE_TORQUE]:
         f.fault[_TORQUE] = _NONE
 
 

@@ -137,6 +137,23 @@ def test_noise_of_the_torque_is_no_lag(sigma):
     assert f["torque_noise"] == pytest.approx(np.hypot(sigma, 1.0 / np.sqrt(12.0)), rel=0.3)
 
 
+def test_a_torque_that_jumps_must_be_confirmed():
+    """At 10 ms: a lone spike is never taken and told of; of a step the second torque is taken, a fast ramp at once."""
+    _, f = started()
+
+    def judge(torque):
+        f["t_us"] += PERIOD_US
+        taken, spike = kalman_engine.judge_jump(f, torque)
+        if taken:
+            f["told"], f["torque_us"] = torque, f["t_us"]
+        return taken, spike
+
+    assert [judge(torque) for torque in (0.0, 100.0, 1.0)] == [(True, False), (False, False), (True, True)]
+    assert [judge(torque) for torque in (100.0, 99.0, 98.0)] == [(False, False), (True, False), (True, False)]
+    assert [judge(torque) for torque in (20.0, -55.0)] == [(True, False), (True, False)]
+    assert [judge(torque) for torque in (250.0, -300.0, -54.0)] == [(False, False), (False, True), (True, True)]
+
+
 def test_a_torque_at_fault_teaches_no_lag():
     """What was learned is forgotten, and its places are as at the start."""
     f = learn(0.25)
