@@ -138,7 +138,7 @@ def test_noise_of_the_torque_is_no_lag(sigma):
 
 
 def test_a_torque_that_jumps_must_be_confirmed():
-    """At 10 ms: a lone spike is never taken and told of; of a step the second torque is taken, a fast ramp at once."""
+    """At 10 ms: a lone spike is told of and not taken; of a step the second one is taken, a fast ramp at once."""
     _, f = started()
 
     def judge(torque):
