@@ -92,7 +92,7 @@ def test_one_step_is_that_of_plain_matrices(tables):
     x, P = f["x"] + root @ np.ones(N), root @ root.T / N
     f["x"][:], f["P"][:] = x, P
     lagged = np.array([50.0, 20.0])
-    f["lagged"][:] = lagged
+    f["lagged"][:], f["torque_noise"] = lagged, 0.3
     predict(k, 5000)
     for step in (STEPS_US.index(4000), STEPS_US.index(1000)):
         F, b, Q = model(k, step)
@@ -133,7 +133,7 @@ def test_consistent_on_data_of_its_own_model(tables):
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         x = f["x"] + np.sqrt(np.diag(f["P"])) * random.standard_normal(N)
         lagged = np.array([40.0, 10.0])
-        f["lagged"][:] = lagged
+        f["lagged"][:], f["torque_noise"] = lagged, 0.3
         for n in range(samples):
             x = with_errors(F, b, lagged, step) @ x + b * T_EN + root @ random.standard_normal(N)
             predict(k, 4000 * (n + 1))
