@@ -44,8 +44,8 @@ class _Segment(NamedTuple):
 class Smoother:
     """An `Estimator` that can be asked, after all samples were fed, what all of them say of every moment.
 
-    Memory grows with the recording: 19 bytes per sample and a snapshot of 11 kB for each segment or call of `feed`,
-    whichever is shorter.
+    Memory grows with the recording: 19 bytes per sample and a snapshot of 11 kB for each segment or each call of
+    `feed`, whichever is shorter.
 
     Args:
         settings: vehicle, inputs and design.
