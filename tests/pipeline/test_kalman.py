@@ -193,7 +193,7 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
         ("engine torque", "spikes"),
     ):  # on the slow bus
         left = max(left, 2.5)
-    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (90.0, 90.0, 600.0), (6.0, 8.0, 120.0), strict=True):
+    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (90.0, 90.0, 500.0), (6.0, 8.0, 120.0), strict=True):
         difference = np.abs(rows[torque] - good[torque])
         assert difference[during].max() <= bound
         assert (difference[late] <= np.maximum(rest, left * good[sigma][late])).all()
