@@ -168,26 +168,30 @@ class KalmanSection(Section):
     """Noise of one sample of an input-shaft speed, rad/s."""
     wheel_speed_noise_rad_s: Noise = 0.02
     """Noise of one sample of one wheel speed, rad/s."""
-    timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 1.0
+    timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 0.8
     """From the sample of a speed to its frame, as far as it is unknown, ms."""
     slipping_torque_rate_nm_per_s: Rate = 2500.0
-    """How fast clutch torques change while a clutch slips or torque is handed over, N·m/s."""
+    """How fast clutch torques change while a clutch slips or torque is handed over, near lock-up, N·m/s."""
+    sliding_torque_rate_nm_per_s: Rate = 1500.0
+    """… and while it slips by more than 12 rad/s, N·m/s."""
     locked_torque_rate_nm_per_s: Rate = 800.0
     """How fast the torque of a locked clutch changes at most with the engine torque, N·m/s."""
     steady_torque_rate_nm_per_s: Rate = 50.0
     """How fast it changes while the engine torque stays the same, N·m/s."""
-    torque_rate_time_s: Annotated[float, Field(ge=0.005, le=10)] = 0.05
+    torque_rate_time_s: Annotated[float, Field(ge=0.005, le=10)] = 0.1
     """For how long a clutch torque keeps its rate, s."""
-    settling_time_s: Annotated[float, Field(ge=0.01, le=10)] = 0.3
+    settling_time_s: Annotated[float, Field(ge=0.01, le=10)] = 0.2
     """For how long the driveline rings after a shift or a change of engine torque, s."""
     open_torque_nm: Annotated[float, Field(gt=0, le=100)] = 1.0
     """Torque of an open clutch beside its viscous drag, N·m."""
     road_load_rate_nm_per_sqrt_s: Rate = 60.0
     """How fast grade, wind and load change at the wheel, N·m/√s."""
     held_load_rate_nm_per_sqrt_s: Rate = 3000.0
-    """The same while the car stands or brakes, N·m/√s."""
-    tyre_torque_share: Annotated[float, Field(gt=0, le=10)] = 0.05
+    """The same when the car stops or brakes, while the brakes change, N·m/√s."""
+    tyre_torque_share: Annotated[float, Field(gt=0, le=10)] = 0.04
     """What the tyres' torque does beside following the clutches, as a share of their rate at the wheel."""
+    tyre_slip_stiffness: Annotated[float, Field(ge=0, le=100)] = 25.0
+    """Longitudinal force of the driven tyres by slip and load, which damps the driven wheels against the car."""
     parameter_error_share: Annotated[float, Field(ge=0, le=1)] = 0.2
     """Error of mass, inertias and stiffnesses together, as a share."""
     engine_torque_error_nm: Annotated[float, Field(gt=0, le=1000)] = 3.0
@@ -200,7 +204,7 @@ class KalmanSection(Section):
     """By how much that lag may be another one, ms."""
     engine_torque_delay_ms: Annotated[float, Field(ge=0, le=1000)] = 10.0
     """By how much a change of the nominal engine torque may be late, ms."""
-    engine_torque_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 2.0
+    engine_torque_error_time_s: Annotated[float, Field(ge=0.05, le=600)] = 1.0
     """For how long that error lasts, s."""
     unmodelled_rad_s_per_sqrt_s: Annotated[float, Field(ge=0, le=1000)] = 0.1
     """What engine and input shafts do beside the model, rad/s/√s."""

@@ -55,15 +55,17 @@ class KalmanDesign:
     shaft_speed_noise_rad_s: float
     wheel_speed_noise_rad_s: float  # of one wheel
     timing_error_s: float  # between the sample of a speed and the time of its frame
-    slipping_torque_rate_nm_per_s: float  # how fast the torque of a slipping clutch changes
+    slipping_torque_rate_nm_per_s: float  # how fast the torque of a slipping clutch changes, near lock-up
+    sliding_torque_rate_nm_per_s: float  # … and far from it
     locked_torque_rate_nm_per_s: float  # … of a locked one while the engine torque changes
     steady_torque_rate_nm_per_s: float  # … of a locked one otherwise
     torque_rate_time_s: float  # for how long it keeps that rate
     settling_time_s: float  # in which the rate falls to the steady one
     open_torque_nm: float  # of an open clutch around its drag
     road_load_rate_nm_per_sqrt_s: float
-    held_load_rate_nm_per_sqrt_s: float  # … while the car stands or brakes
+    held_load_rate_nm_per_sqrt_s: float  # … when the car stops or brakes, while the brakes change
     tyre_torque_share: float  # of a clutch torque's rate at the wheel, what the tyres' torque does beside it
+    tyre_slip_stiffness: float  # force of the driven tyres by slip and load
     parameter_error_share: float  # of mass, inertias and stiffnesses
     engine_torque_error_nm: float  # of the nominal engine torque, when there is none
     engine_torque_error_share: float  # … and its growth with the torque

@@ -43,6 +43,7 @@ from dctorque_can.estimators.kalman_model import (
 )
 from dctorque_can.estimators.kalman_noise import (
     admit_parameter_errors,
+    decide_held_rate,
     decide_rates,
     engine_variance,
     process_noise,
@@ -65,10 +66,13 @@ FILTER = np.dtype(
         ("along", "f8", (N,)),
         ("rate", "f8", (N,)),  # of the state over the last step
         ("torque_rate", "f8", (2,)),  # N·m/s, how fast a clutch torque may change now
-        ("recent_torque", "f8"),  # N·m, what T_en, T_o and the engine's inertial torque were lately
+        ("recent_torque", "f8"),  # N·m, what T_en, T_o, T_v and the engine's inertial torque were lately
         ("recent_output", "f8"),
+        ("recent_load", "f8"),
         ("recent_inertial", "f8"),
         ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
+        ("held_rate", "f8"),  # N·m/√s, how fast the load may change while the car is held by brakes
+        ("braked", "u1"),  # … and whether it is
         ("T_en", "f8"),  # nominal engine torque, behind the engine's lag
         ("told", "f8"),  # … as the last frame with one told it, and its time
         ("torque_us", "i8"),
@@ -168,7 +172,8 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
         f.per_error[m] = 0.0
     f.torque_noise, f.held = FIRST_NOISE, math.nan
     f.T_en = f.told = f.told_before = f.recent_torque = T_en
-    f.recent_output = f.recent_inertial = f.T_o = 0.0
+    f.recent_output = f.recent_load = f.recent_inertial = f.T_o = 0.0
+    f.held_rate, f.braked = tuning.held_load, False
     for i in range(2):
         f.torque_rate[i] = tuning.rate[_OPEN]
     for i in range(4):
@@ -199,8 +204,9 @@ def predict(
     rest = t_us - f.t_us + FINEST_US // 2
     seconds = max(rest // FINEST_US, 0) * FINEST_US * 1e-6
     decide_rates(f, tuning, phase_1, phase_2, seconds)
+    decide_held_rate(f, tuning, brakes or stands, seconds)
     admit_parameter_errors(f, tuning, seconds)
-    q = process_noise(f, tuning, phase_1, phase_2, brakes, stands)
+    q = process_noise(f, tuning, phase_1, phase_2, brakes)
     first = tables.row[f.gear[0] + 1, f.gear[1] + 1]
     for step in range(len(_STEPS)):
         while rest >= _STEPS[step]:

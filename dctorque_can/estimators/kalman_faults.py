@@ -73,9 +73,11 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
         return
     reach = fastest * (f.t_us - f.accepted_us[sensor]) * 1e-6 + math.sqrt(2.0 * tuning.gate * variance)
     if not beyond and not abs(z - f.accepted[sensor]) > reach:  # before the first there is none to compare with
-        f.taken[sensor] += 1
-        f.squares[sensor] += e * e / S
-        if not math.isinf(fastest):
+        noisy = z != 0.0  # slow shafts are told as zero
+        if noisy:
+            f.taken[sensor] += 1
+            f.squares[sensor] += e * e / S
+        if noisy and not math.isinf(fastest):
             learn_noise(f, tuning, sensor, e, f.P[i, i] + late, noise)
         take(f, sensor, i, z, variance)
         return

@@ -25,12 +25,12 @@ from dctorque_can.estimators.kalman_model import (
     N,
     Tables,
 )
+from dctorque_can.estimators.kalman_tuning import SLIDING
 
-_OPEN, _SLIPPING = int(ClutchPhase.OPEN), int(ClutchPhase.SLIPPING)
+_OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _NEUTRAL_TRUST = 100.0  # variances: so weakly that it only keeps a synchroniser's torque from running away
 _REVERSAL_NM = 2.0  # beyond zero at which the losses change their direction
-_REVERSAL_SIGMA = 0.5  # … and standard deviations of the torque
-SLIDING = 12.0  # rad/s of slip from which friction's direction is certain, late and noisy as the speeds are
+_REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
 
 
 @compiled_without_allocation
@@ -99,6 +99,9 @@ def change_gears(f: Any, tuning: Any, g1: int, g2: int) -> None:
         torque, rate = tuning.open_torque, tuning.rate[_OPEN]
         if gear == 0:
             torque, rate = tuning.neutral[i], tuning.neutral_rate[i]
+            f.torque_rate[1 - i] = max(
+                f.torque_rate[1 - i], tuning.rate[_LOCKED]
+            )  # a synchroniser is about to pull
         forget(f, T_C1 + i, 0.0, torque**2)
         forget(f, R_1 + i, 0.0, rate**2)
 

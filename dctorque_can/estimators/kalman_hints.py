@@ -22,8 +22,8 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.parameters import STANDARD_GRAVITY
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman import measure
-from dctorque_can.estimators.kalman_gearbox import SLIDING
 from dctorque_can.estimators.kalman_model import T_C1, T_V, T_X, W_B, W_C1, W_E
+from dctorque_can.estimators.kalman_tuning import SLIDING
 
 ACCELERATION, GRADE, COMMAND_1 = 0, 1, 2  # places of the hints; clutch 2's follows
 _SLIPPING, _LOCKED = int(ClutchPhase.SLIPPING), int(ClutchPhase.LOCKED)

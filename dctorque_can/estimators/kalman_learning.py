@@ -1,9 +1,10 @@
-"""Noise of the speeds that is larger than told: learned from the innovations while nothing else explains them.
+"""Noise of the speeds that is not as told: learned from the innovations while nothing else explains them.
 
 The innovation e of a speed has the variance P_ii + R, so (e² − P_ii)/R says how many times as large as the
 configured R the variance is. Shifts, changes of torque and wrong parameters make e larger too: it is learned only
 while the torques are steady, and the less the surer the sample is than the prediction, since e² − P_ii itself has
-the variance 2 (P_ii + R)². R never falls below what is configured.
+the variance 2 (P_ii + R)². R never falls below a quarter of what is configured, nor below the resolution's q²/12:
+a value that stays the same has an error that does.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ def forget_noise(f: Any) -> None:
 
 
 @compiled_without_allocation
-def noise_factor(f: Any, sensor: int) -> float:
+def noise_factor(f: Any, tuning: Any, sensor: int) -> float:
     """Return by what the configured variance of a sensor's sample must be multiplied."""
-    return float(max(f.noise_ratio[sensor], 1.0))
+    return float(max(f.noise_ratio[sensor], tuning.least_noise[sensor]))
 
 
 @compiled_without_allocation
@@ -46,7 +47,7 @@ def learn_noise(f: Any, tuning: Any, sensor: int, e: float, known: float, varian
         return
     weight = (variance / (variance + known)) ** 2
     f.noise_samples[sensor] = min(f.noise_samples[sensor] + weight, _SAMPLES)
-    configured = variance / noise_factor(f, sensor)
+    configured = variance / noise_factor(f, tuning, sensor)
     change = (e * e - known) / configured - f.noise_ratio[sensor]
     f.noise_ratio[sensor] = max(f.noise_ratio[sensor] + change * weight / f.noise_samples[sensor], 0.0)
 

@@ -7,12 +7,13 @@ Here are its matrices and their exact discretisation on a ladder of steps, all m
     J_i ω̇_ci = T_ci − T_ti/(i_ti η)      T_ti = k_ti θ_ti + b_ti (ω_ci/i_ti − i_fi ω_o)     (12), (13), (15), (16)
     J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_o     T_o = k_o θ_o + b_o (ω_o − ω_w)          (14), (17)
     J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
+    Ṫ_x = Σ η i_ti i_fi r_i + D (ω̇_w − ω̇_b) + noise                 Ṫ_ci = r_i
 
-T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it). Nothing is assumed of
-the tyre but that it carries what the clutches' torques change: Ṫ_x = Σ η i_ti i_fi r_i + noise. The rates r_i of
-the clutch torques forget within ``torque_rate_time_s``. A shaft in neutral has an open clutch and perhaps a
-synchroniser: there the state T_ci is the torque between shaft and output shaft, J_i ω̇_ci = T_ci and −R T_ci on the
-output shaft.
+T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it). It carries what the
+clutches' torques change, and damps the driven wheels against the body, by less than a tyre does at any but the
+highest speeds. The rates r_i of the clutch torques forget within ``torque_rate_time_s``. A shaft in neutral has an
+open clutch and perhaps a synchroniser: there the state T_ci is the torque between shaft and output shaft,
+J_i ω̇_ci = T_ci and −R T_ci on the output shaft.
 
 SI units: rad/s, rad, N·m, kg·m².
 """
@@ -27,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.driveline.parameters import Gear, Vehicle
+from dctorque_can.driveline.parameters import STANDARD_GRAVITY, Gear, Vehicle
 from dctorque_can.estimators.design import KalmanDesign
 
 Floats = NDArray[np.float64]
@@ -75,6 +76,7 @@ GAIN_TIME = 20.0  # s, for which the torque's error is the same share of it
 LAG_TIME = 300.0  # … and the engine's lag the same
 GAIN_SHARE = 0.75  # of the variance of an error that grows with the torque
 _TERMS = 12  # of the series at such a step
+_FASTEST_CAR = 30.0  # m/s up to which the tyres damp at least as much as the model
 _SLACK_RATE = 50.0  # 1/s, at which the twist of a shaft in neutral is forgotten
 _LEAST_INERTIA = 1e-4  # kg·m²; a lighter output shaft has no dynamics that any sensor sees
 
@@ -159,6 +161,7 @@ def continuous(
     A[W_W] = T_o / J_w
     A[W_W, T_X] = -1.0 / J_w
     A[W_B, [T_X, T_V]] = 1.0 / J_b, -1.0 / J_b
+    A[T_X] += tyre_damping(vehicle, design) * (A[W_W] - A[W_B])
     for i in range(2):
         A[T_C1 + i, R_1 + i] = 1.0
         A[R_1 + i, R_1 + i] = -1.0 / design.torque_rate_time_s
@@ -166,6 +169,13 @@ def continuous(
     A[GAIN, GAIN] = -1.0 / GAIN_TIME
     A[LAG_1, LAG_1] = A[LAG_2, LAG_2] = -1.0 / LAG_TIME
     return A, T_o
+
+
+def tyre_damping(vehicle: Vehicle, design: KalmanDesign) -> float:
+    """Return D, N·m·s/rad: slip stiffness · load of the driven axle · r² / v, at a high speed v."""
+    chassis = vehicle.chassis
+    load = 0.5 * chassis.mass_kg * STANDARD_GRAVITY
+    return design.tyre_slip_stiffness * load * chassis.wheel_radius_m**2 / _FASTEST_CAR
 
 
 def arms(vehicle: Vehicle, gear: Gear, drives: bool) -> tuple[float, float]:

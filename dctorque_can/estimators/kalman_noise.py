@@ -12,13 +12,17 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman_model import DT_E, T_V, TH_D, TH_O, W_B, W_E
+from dctorque_can.estimators.kalman_model import DT_E, R_1, T_C1, T_V, TH_D, TH_O, W_B, W_C1, W_E
+from dctorque_can.estimators.kalman_tuning import SLIDING
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _RECENT = 0.2  # s, over which a change is one that has just happened
+_RINGING = 0.04  # s, time constant of the driveline's oscillation, 1/ω
 _LEAST_TYRE_TORQUE = 15.0  # N·m/√s
+_SLIPPING_SHARE = 0.15  # of a torque's rate at the wheel that slip of the tyres takes up
 _SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
 _ACCELERATION_TIME = 0.5  # s, for which an acceleration lasts, as far as errors of timing go
+_HELD_SHARE = 0.2  # of the largest rate, while brakes stay as they are
 _DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
 
 
@@ -30,7 +34,10 @@ def engine_variance(tuning: Any, T_en: float) -> float:
 
 @compiled_without_allocation
 def decide_rates(f: Any, tuning: Any, phase_1: int, phase_2: int, seconds: float) -> None:
-    """Decide how fast both clutch torques may change, N·m/s; it rises at once and falls in the settling time."""
+    """Decide how fast both clutch torques may change, N·m/s; it rises at once and falls in the settling time.
+
+    A clutch that slides has the torque of its actuator; near lock-up friction turns, or gives way to what holds.
+    """
     change = f.T_en - f.recent_torque
     f.recent_torque += min(seconds / _RECENT, 1.0) * change
     handover = phase_1 != _OPEN and phase_2 != _OPEN
@@ -42,30 +49,62 @@ def decide_rates(f: Any, tuning: Any, phase_1: int, phase_2: int, seconds: float
         elif phase == _OPEN:
             f.torque_rate[i] = tuning.rate[_OPEN]
         else:
-            rate = max(tuning.steady_rate, min(abs(change) / _RECENT, tuning.rate[_LOCKED]))
+            rate = abs(change) / _RECENT + shaken_rate(f, tuning, i)
+            rate = max(tuning.steady_rate, min(rate, tuning.rate[_LOCKED]))
             if handover or phase == _SLIPPING:
-                rate = tuning.rate[_SLIPPING]
+                rubs = i if phase == _SLIPPING else 1 - i
+                slides = abs(f.x[W_E] - f.x[W_C1 + rubs]) > SLIDING
+                rate = tuning.sliding_rate if slides else tuning.rate[_SLIPPING]
             f.torque_rate[i] = max(rate, keep * f.torque_rate[i])
 
 
 @compiled_without_allocation
+def shaken_rate(f: Any, tuning: Any, i: int) -> float:
+    """Return how fast clutch i changes its torque while the other shaft's synchroniser shakes it, N·m/s."""
+    other = 1 - i
+    if f.gear[other] != 0:
+        return 0.0
+    ratio = tuning.synchroniser_ratio[other] / abs(tuning.ratio[i, f.gear[i] + 1])
+    return float(abs(f.x[T_C1 + other]) * ratio / _RINGING)
+
+
+@compiled_without_allocation
+def decide_held_rate(f: Any, tuning: Any, held: bool, seconds: float) -> None:
+    """Decide how fast the load may change while the car stands or brakes, N·m/√s.
+
+    It rises at once when that begins and when the load changes, and falls in the settling time: brakes that stay
+    as they are are a steady load.
+    """
+    change = f.x[T_V] - f.recent_load
+    f.recent_load += min(seconds / _RECENT, 1.0) * change
+    rate = min(abs(change) / math.sqrt(_RECENT), tuning.held_load)
+    if held and not f.braked:
+        rate = tuning.held_load
+    f.braked = held
+    f.held_rate = max(rate, _HELD_SHARE * tuning.held_load, math.exp(-seconds / tuning.settling) * f.held_rate)
+
+
+@compiled_without_allocation
 def process_noise(
-    f: Any, tuning: Any, phase_1: int, phase_2: int, brakes: bool, stands: bool
+    f: Any, tuning: Any, phase_1: int, phase_2: int, brakes: bool
 ) -> tuple[float, float, float, float, float]:
     """Return the factors of the five noises of `Tables`: variances of r_1 and r_2, T_x and T_v in (N·m)²/s, ΔT_e.
 
-    By the model the tyres follow the clutches through the gears; on top come a share of that rate,
-    and the driven wheels' brakes.
+    By the model the tyres follow the clutches through the gears; on top come a share of the rate that may be, or
+    of that which is, since a torque that grows makes tyres slip; and the driven wheels' brakes.
     """
-    wheel_rate = synchroniser_rate = 0.0
+    wheel_rate = synchroniser_rate = handed_on = 0.0
     for i in range(2):
         if f.gear[i] == 0:
             synchroniser_rate = max(synchroniser_rate, tuning.synchroniser_ratio[i] * f.torque_rate[i])
         elif (phase_1 if i == 0 else phase_2) != _OPEN:
-            wheel_rate = max(wheel_rate, abs(tuning.ratio[i, f.gear[i] + 1]) * f.torque_rate[i])
-    load = tuning.held_load**2 if brakes or stands else tuning.road_load**2
-    tyre = (_DRIVEN_BRAKES * tuning.held_load) ** 2 if brakes else _LEAST_TYRE_TORQUE**2
-    own_rate = max(tuning.tyre_share * wheel_rate, _SYNCHRONISER_SHARE * synchroniser_rate)
+            ratio = tuning.ratio[i, f.gear[i] + 1]
+            wheel_rate = max(wheel_rate, abs(ratio) * f.torque_rate[i])
+            handed_on += ratio * f.x[R_1 + i]
+    load = f.held_rate**2 if f.braked else tuning.road_load**2
+    tyre = (_DRIVEN_BRAKES * f.held_rate) ** 2 if brakes else _LEAST_TYRE_TORQUE**2
+    own_rate = max(tuning.tyre_share * wheel_rate, _SLIPPING_SHARE * abs(handed_on))
+    own_rate = max(own_rate, _SYNCHRONISER_SHARE * synchroniser_rate)
     tyre += 2.0 * tuning.rate_time * own_rate**2
     return f.torque_rate[0] ** 2, f.torque_rate[1] ** 2, tyre, load, engine_variance(tuning, f.T_en)
 

@@ -12,13 +12,18 @@ from dctorque_can.estimators.design import KalmanDesign
 from dctorque_can.estimators.kalman_model import GAIN_SHARE, arms, lasting_errors
 from dctorque_can.estimators.oh2014_model import MAX_GEAR
 
+LEAST_NOISE = 0.25  # of a configured variance, beside its resolution: sensors may have half the noise
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
 GEARS = MAX_GEAR + 2  # places for gear numbers from −1
 SPEEDS = 7  # engine, both input shafts, each wheel for itself
+SLIDING = (
+    12.0  # rad/s of slip from which a clutch neither locks nor turns its torque, late and noisy as speeds are
+)
 
 TUNING = np.dtype(
     [
         ("rate", "f8", (3,)),  # N·m/s, largest standard deviation of a clutch torque's rate by `ClutchPhase`
+        ("sliding_rate", "f8"),  # … of one that slips by more than `SLIDING`, or hands over to one that does
         ("steady_rate", "f8"),  # … of a locked clutch while nothing happens
         ("rate_time", "f8"),  # s, for how long a rate lasts
         ("settling", "f8"),  # s, in which a rate falls back to the steady one
@@ -26,10 +31,15 @@ TUNING = np.dtype(
         ("neutral_rate", "f8", (2,)),  # N·m/s
         ("tyre_share", "f8"),  # of a clutch torque's rate at the wheel that the tyres' torque has on its own
         ("road_load", "f8"),  # N·m/√s
-        ("held_load", "f8"),  # … while the car stands or brakes
+        ("held_load", "f8"),  # … when the car stops or brakes, while the brakes change
         ("open_torque", "f8"),  # N·m, of an open clutch around its drag
         ("drag", "f8", (2,)),
         ("speed_variance", "f8", (SPEEDS,)),  # of one sample: engine, input shafts, wheels FL, FR, RL, RR
+        (
+            "least_noise",
+            "f8",
+            (5,),
+        ),  # share of it that is always believed: engine, shafts, driven and other wheels
         ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
         ("gate", "f8"),  # largest normalised innovation squared that is believed
         ("patience_us", "i8"),  # … until one has not been for so long
@@ -76,6 +86,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     """Return the `TUNING` record ``[1]`` of a vehicle and a design."""
     t = np.zeros(1, TUNING)
     t["rate"] = (OPEN_RATE, design.slipping_torque_rate_nm_per_s, design.locked_torque_rate_nm_per_s)
+    t["sliding_rate"] = design.sliding_torque_rate_nm_per_s
     t["steady_rate"] = design.steady_torque_rate_nm_per_s
     t["rate_time"] = design.torque_rate_time_s
     t["settling"] = design.settling_time_s
@@ -84,7 +95,10 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["held_load"] = design.held_load_rate_nm_per_sqrt_s
     t["open_torque"] = design.open_torque_nm
     t["drag"] = [clutch.drag_nms_per_rad for clutch in vehicle.clutches]
-    t["speed_variance"] = speed_variances(design)
+    t["speed_variance"] = variances = speed_variances(design)
+    rounding = [q**2 / 12.0 for q in design.speed_resolutions_rad_s]
+    least = [max(LEAST_NOISE, known / all_noise) for known, all_noise in zip(rounding, variances, strict=True)]
+    t["least_noise"] = [*least[:3], *2 * [max(least[3:])]]
     t["gate"] = design.gate_sigma**2
     t["patience_us"] = round(design.gate_patience_s * 1e6)
     t["timing_error"] = design.timing_error_s

@@ -179,7 +179,7 @@ def measure_speed(
     core: Any, rules: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int, fastest: float
 ) -> None:
     """Take a speed that is new; say when it has been missing or is stuck."""
-    z, variance = core.value[quantity], tuning.speed_variance[sensor] * noise_factor(f, sensor)
+    z, variance = core.value[quantity], tuning.speed_variance[sensor] * noise_factor(f, tuning, sensor)
     if core.fresh[quantity]:
         stuck = kalman_faults.is_stuck(f, tuning, sensor, state, z, variance)
         if stuck and not math.isinf(fastest):  # in neutral a shaft may keep its speed whatever is predicted
@@ -221,7 +221,7 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
         return
     w_l, w_r, fault = core.value[left], core.value[left + 1], 0
     signal = _SHAFT + 2 + left - WHEEL
-    factor = noise_factor(f, sensor)
+    factor = noise_factor(f, tuning, sensor)
     variance_l, variance_r = factor * tuning.speed_variance[signal], factor * tuning.speed_variance[signal + 1]
     if there_l and kalman_faults.is_stuck(f, tuning, signal, state, w_l, variance_l):
         there_l, fault = False, _STUCK
