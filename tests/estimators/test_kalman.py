@@ -34,22 +34,29 @@ def new_filter(tables, **changes):
     return k
 
 
-def model(k, step):
-    """F, b and Q of one step while torque is handed over from clutch 2 in second gear to clutch 1 in first.
+def handover():
+    """The five noises while torque is handed over from clutch 2 in second gear to clutch 1, sliding, in first.
 
-    Both torques then have the rate of a slipping clutch, and at the wheel first gear's counts.
+    Both torques then have the rate of a sliding clutch, and at the wheel first gear's counts.
     """
-    t, row = k.tables, k.tables.row[2, 3] + 3
-    rate, at_wheel = DESIGN.slipping_torque_rate_nm_per_s, VEHICLE.gear(1).total_ratio
+    rate, at_wheel = DESIGN.sliding_torque_rate_nm_per_s, VEHICLE.gear(1).total_ratio
     tyre = 15.0**2 + 2.0 * DESIGN.torque_rate_time_s * (DESIGN.tyre_torque_share * at_wheel * rate) ** 2
     engine = DESIGN.engine_torque_error_nm**2 + 0.25 * (DESIGN.engine_torque_error_share * T_EN) ** 2
-    Q = (
-        t.noise[row, step]
-        + rate**2 * (t.noise_1[row, step] + t.noise_2[row, step])
-        + tyre * t.noise_x[row, step]
-        + DESIGN.road_load_rate_nm_per_sqrt_s**2 * t.noise_v[row, step]
-        + engine * t.noise_e[row, step]
-    )
+    return rate**2, rate**2, tyre, DESIGN.road_load_rate_nm_per_sqrt_s**2, engine
+
+
+def as_the_filter_has_them(k, seconds):
+    """The five noises of its next prediction, in this state."""
+    f, tuning = k.state.copy()[0], k.tuning[0]
+    kalman_noise.decide_rates(f, tuning, SLIPPING, LOCKED, seconds)
+    return kalman_noise.process_noise(f, tuning, SLIPPING, LOCKED, False)
+
+
+def model(k, step, noises):
+    """F, b and Q of one step in first and second gear."""
+    t, row = k.tables, k.tables.row[2, 3] + 3
+    each = (t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e)
+    Q = t.noise[row, step] + sum(q * of_one[row, step] for q, of_one in zip(noises, each, strict=True))
     return t.phi[row, step], t.input[row, step], Q
 
 
@@ -90,12 +97,13 @@ def test_one_step_is_that_of_plain_matrices(tables):
     f = k.state[0]
     root = np.random.default_rng(3).normal(0.0, 1.0, (N, N)) * np.sqrt(np.diag(f["P"]))[:, None]
     x, P = f["x"] + root @ np.ones(N), root @ root.T / N
+    x[[State.R_1, State.R_2]] = 0.0  # else the tyres would slip with them
     f["x"][:], f["P"][:] = x, P
     lagged = np.array([50.0, 20.0])
     f["lagged"][:], f["torque_noise"] = lagged, 0.3
     predict(k, 5000)
     for step in (STEPS_US.index(4000), STEPS_US.index(1000)):
-        F, b, Q = model(k, step)
+        F, b, Q = model(k, step, handover())
         F = with_errors(F, b, lagged, step)
         x, P = F @ x + b * T_EN, F @ P @ F.T + Q
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
@@ -128,14 +136,14 @@ def test_consistent_on_data_of_its_own_model(tables):
     for _ in range(runs):
         k = new_filter(tables, gate_sigma=1000.0)
         f = k.state[0]
-        F, b, Q = model(k, step)
-        values, vectors = np.linalg.eigh(Q)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
         x = f["x"] + np.sqrt(np.diag(f["P"])) * random.standard_normal(N)
         lagged = np.array([40.0, 10.0])
         f["lagged"][:], f["torque_noise"] = lagged, 0.3
         for n in range(samples):
-            x = with_errors(F, b, lagged, step) @ x + b * T_EN + root @ random.standard_normal(N)
+            F, b, Q = model(k, step, as_the_filter_has_them(k, 0.004))
+            values, vectors = np.linalg.eigh(Q)
+            disturbance = vectors @ (np.sqrt(np.maximum(values, 0.0)) * random.standard_normal(N))
+            x = with_errors(F, b, lagged, step) @ x + b * T_EN + disturbance
             predict(k, 4000 * (n + 1))
             for sensor, state in enumerate(SPEEDS):
                 z = x[state] + noise[sensor] * random.standard_normal()
@@ -303,11 +311,11 @@ def test_a_frame_that_is_late_says_less(tables):
 
 
 def test_losses_do_not_follow_the_noise(tables):
-    """A locked clutch drives down to −(2 N·m + 0.5 σ), and is driven up to as much; an open one has no band."""
+    """A locked clutch drives down to −(2 N·m + σ), and is driven up to as much; an open one has no band."""
     k = new_filter(tables)
     f = k.state[0]
     decisions = []
-    for torque in (-6.9, -7.1, 6.9, 7.1):
+    for torque in (-11.9, -12.1, 11.9, 12.1):
         f["x"][State.T_C1] = torque
         f["P"][State.T_C1, State.T_C1] = 10.0**2
         kalman_gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
@@ -363,16 +371,89 @@ def test_wrong_parameters_spread_what_they_falsify(tables):
 
 
 def test_a_torque_is_lively_after_an_event_and_then_steady(tables):
-    """2500 N·m/s while it slips, e⁻¹ of that 0.3 s after it has locked, and 50 N·m/s in the end."""
+    """1500 N·m/s while it slides, 2500 near lock-up, e⁻¹ of that 0.2 s after it has locked, in the end 50."""
     k = new_filter(tables)
     f = k.state[0]
     f["torque_rate"][1] = 0.0
-    kalman_noise.decide_rates(f, k.tuning[0], SLIPPING, OPEN, 0.01)
-    rates = [f["torque_rate"][0]]
-    for seconds in (0.3, 10.0):
-        kalman_noise.decide_rates(f, k.tuning[0], LOCKED, OPEN, seconds)
+    rates = []
+    for engine, phase, seconds in (
+        (163.0, SLIPPING, 0.01),
+        (161.0, SLIPPING, 0.01),
+        (150.0, LOCKED, 0.2),
+        (150.0, LOCKED, 10.0),
+    ):
+        f["x"][State.W_E] = engine  # the shaft has 150 rad/s
+        kalman_noise.decide_rates(f, k.tuning[0], phase, OPEN, seconds)
         rates.append(f["torque_rate"][0])
-    assert rates == pytest.approx([2500.0, 2500.0 / np.e, 50.0])
+    assert rates == pytest.approx([1500.0, 2500.0, 2500.0 / np.e, 50.0])
+
+
+@pytest.mark.parametrize(("shaft_2", "rate"), [(170.0, 1500.0), (190.0, 2500.0)])
+def test_a_locked_clutch_changes_as_the_other_one_does(tables, shaft_2, rate):
+    """Clutch 1 is locked, clutch 2 slips: while that one slides by 30 rad/s neither torque jumps."""
+    k = new_filter(tables)
+    f = k.state[0]
+    f["x"][State.W_E], f["x"][State.W_C2] = 200.0, shaft_2
+    f["torque_rate"][:] = 0.0
+    kalman_noise.decide_rates(f, k.tuning[0], LOCKED, SLIPPING, 0.01)
+    assert f["torque_rate"].tolist() == [rate, rate]
+
+
+def test_a_synchroniser_shakes_the_locked_clutch(tables):
+    """4 N·m that turn shaft 1 swing clutch 2 through both ratios within 40 ms; the most is 800 N·m/s."""
+    k = new_filter(tables)
+    f, tuning = k.state[0], k.tuning[0]
+    kalman_gearbox.change_gears(f, tuning, 0, 2)
+    assert f["torque_rate"][1] >= 800.0  # it is about to pull
+    f["torque_rate"][1] = 0.0
+    rates = []
+    for torque in (0.0, -4.0, 100.0):
+        f["x"][State.T_C1] = torque
+        kalman_noise.decide_rates(f, tuning, OPEN, LOCKED, 10.0)
+        rates.append(f["torque_rate"][1])
+    ratio = np.mean([VEHICLE.gear(number).total_ratio for number in (1, 3, 5)]) / VEHICLE.gear(2).total_ratio
+    assert rates == pytest.approx([50.0, 4.0 * ratio / 0.04, 800.0])
+
+
+def test_brakes_that_stay_as_they_are_are_steady(tables):
+    """3000 N·m/√s as they come, a fifth in the end; a load that jumps by 1000 N·m: they change."""
+    k = new_filter(tables)
+    f, tuning = k.state[0], k.tuning[0]
+    rates = []
+    for held, seconds, load in (
+        (True, 0.01, 0.0),
+        (True, 0.2, 0.0),
+        (True, 10.0, 0.0),
+        (True, 0.01, 1000.0),
+        (True, 10.0, 1000.0),
+        (False, 10.0, 1000.0),
+        (True, 0.01, 1000.0),
+    ):
+        f["x"][State.T_V] = load
+        kalman_noise.decide_held_rate(f, tuning, held, seconds)
+        rates.append(f["held_rate"])
+    changing = 1000.0 / np.sqrt(0.2)
+    assert rates[:4] == pytest.approx([3000.0, 3000.0 / np.e, 600.0, changing])
+    assert rates[5:] == pytest.approx([600.0, 3000.0])
+    f["x"][[State.R_1, State.R_2]] = 0.0
+    loads = []
+    for braked in (False, True):
+        f["braked"] = braked
+        loads.append(kalman_noise.process_noise(f, tuning, LOCKED, OPEN, False)[3])
+    assert loads == pytest.approx([60.0**2, 3000.0**2])
+
+
+def test_tyres_that_hand_on_more_slip_more(tables):
+    """A clutch torque that grows by 2000 N·m/s makes 15 % of that uncertain at the wheel."""
+    k = new_filter(tables)
+    f, ratio = k.state[0], VEHICLE.gear(1).total_ratio
+    f["torque_rate"][:] = 1500.0
+    tyres = []
+    for rate in (100.0, 2000.0):
+        f["x"][[State.R_1, State.R_2]] = rate, 0.0
+        tyres.append(kalman_noise.process_noise(f, k.tuning[0], SLIPPING, OPEN, False)[2] - 15.0**2)
+    own = np.array([DESIGN.tyre_torque_share * ratio * 1500.0, 0.15 * ratio * 2000.0])
+    assert tyres == pytest.approx(2.0 * DESIGN.torque_rate_time_s * own**2)
 
 
 def test_neutral_publishes_drag_alone(tables):

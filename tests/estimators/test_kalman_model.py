@@ -58,7 +58,6 @@ def right_hand_side(vehicle, design, g1, g2, x, T_en):
         S.TH_T1: x[S.W_C1] / pair.i_t1 - pair.i_f1 * x[S.W_O],
         S.TH_T2: x[S.W_C2] / pair.i_t2 - pair.i_f2 * x[S.W_O],
         S.TH_O: x[S.W_O] - x[S.W_W],
-        S.T_X: pair.R_1 * x[S.R_1] + pair.R_2 * x[S.R_2],
         S.T_C1: x[S.R_1],
         S.T_C2: x[S.R_2],
         S.R_1: -x[S.R_1] / design.torque_rate_time_s,
@@ -69,6 +68,8 @@ def right_hand_side(vehicle, design, g1, g2, x, T_en):
         S.LAG_1: -x[S.LAG_1] / 300.0,
         S.LAG_2: -x[S.LAG_2] / 300.0,
     }
+    damping = design.tyre_slip_stiffness * chassis.mass_kg / 2 * 9.80665 * chassis.wheel_radius_m**2 / 30.0
+    rate[S.T_X] = pair.R_1 * x[S.R_1] + pair.R_2 * x[S.R_2] + damping * (rate[S.W_W] - rate[S.W_B])
     return np.array([rate[state] for state in State]), T_o
 
 

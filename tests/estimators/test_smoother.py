@@ -58,7 +58,7 @@ def model(k, step, phases=(SLIPPING, LOCKED)):
     row = t.row[f["gear"][0] + 1, f["gear"][1] + 1] + 2 * int(f["drives"][0]) + int(f["drives"][1])
     kalman_noise.decide_rates(f, tuning, *phases, STEPS_US[step] * 1e-6)
     noises = (t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e)
-    factors = kalman_noise.process_noise(f, tuning, *phases, False, False)
+    factors = kalman_noise.process_noise(f, tuning, *phases, False)
     Q = t.noise[row, step] + sum(q * noise[row, step] for q, noise in zip(factors, noises, strict=True))
     F, b = t.phi[row, step].copy(), t.input[row, step]
     kalman_engine.follow_torque(f, tuning, STEPS_US[step] * 1e-6)
@@ -143,9 +143,9 @@ def test_it_is_the_textbooks_smoother(tables):
         for n in range(12):
             lengths = (4000, 1000) if n % 3 else (16_000, 16_000)
             t_us += sum(lengths)
+            models = [[exact(matrix) for matrix in model(k, STEPS_US.index(length))] for length in lengths]
             predict(k, t_us)
-            for length in lengths:
-                F, b, Q = (exact(matrix) for matrix in model(k, STEPS_US.index(length)))
+            for F, b, Q in models:
                 ahead = F @ x + b * Decimal(T_EN), F @ P @ F.T + Q
                 past.append((x, P, F, *ahead))
                 x, P = ahead

@@ -176,10 +176,9 @@ def with_fault(data, quantities, fault):
 def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signal):
     """200 ms in the middle of a shift: no divergence, the flag names it, 300 ms later all is nearly as without.
 
-    On production CAN what is left is within two of the filter's own σ; on the 1 kHz signals, whose σ is smaller,
-    within 4, since a moment without a sensor changes what is learned of the engine torque. A torque that sticks
-    cannot be told from one that stays the same; nor can both wheels of the driven axle on the slow bus, whose
-    prediction is uncertain in a shift. Wheels go stale after 200 ms only.
+    What is left is within two of the filter's own σ. A torque that sticks cannot be told from one that stays the
+    same; nor can both wheels of the driven axle on the slow bus, whose prediction is uncertain in a shift: there it
+    is three. Wheels go stale after 200 ms only.
     """
     settings = LABORATORY_SETTINGS if drive == "laboratory" else PRODUCTION_SETTINGS
     estimator = Estimator(settings)
@@ -187,13 +186,8 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
     assert estimator.health["numeric_resets"][0] == 0
     during = (rows["t_us"] >= SHIFT_US) & (rows["t_us"] < SHIFT_US + FAULT_US)
     late = rows["t_us"] > SHIFT_US + FAULT_US + RECOVERY_US
-    left = 4.0 if drive == "laboratory" else 2.0
-    if (signal, fault) in (
-        ("driven wheels", "stuck"),
-        ("engine torque", "spikes"),
-    ):  # on the slow bus
-        left = max(left, 2.5)
-    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (90.0, 90.0, 500.0), (6.0, 8.0, 120.0), strict=True):
+    left = 3.0 if (signal, fault, drive) == ("driven wheels", "stuck", "production") else 2.0
+    for torque, sigma, bound, rest in zip(TORQUES, SIGMAS, (70.0, 70.0, 450.0), (6.0, 8.0, 120.0), strict=True):
         difference = np.abs(rows[torque] - good[torque])
         assert difference[during].max() <= bound
         assert (difference[late] <= np.maximum(rest, left * good[sigma][late])).all()
@@ -349,8 +343,10 @@ def test_the_mean_of_a_period_is_a_difference_of_two_records(drives):
     rows = estimator.feed(drives["laboratory"]).health
     period_us = LABORATORY_SETTINGS.health_period_us
     assert len(rows) == pytest.approx(16e6 / period_us, abs=2)
-    n, squares = np.diff(rows["innovations"][:, 0]), np.diff(rows["innovation_squares"][:, 0])
-    assert n == pytest.approx(period_us / 1000, abs=1)
+    n, beyond, squares = (
+        np.diff(rows[name][:, 0]) for name in ("innovations", "innovations_rejected", "innovation_squares")
+    )
+    assert n + beyond == pytest.approx(period_us / 1000, abs=1)
     assert (squares / n)[1:] == pytest.approx(1.0, abs=6 * np.sqrt(2 / n[0]))
 
 

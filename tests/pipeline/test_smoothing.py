@@ -75,7 +75,7 @@ def traffic_truth():
 
 @pytest.mark.parametrize(
     ("profile", "whole", "shifts"),
-    [(LABORATORY, (1.0, 1.0, 1.05), (0.8, 0.8)), (PRODUCTION, (0.85, 0.85, 0.9), (0.85, 0.9))],
+    [(LABORATORY, (1.0, 1.0, 1.05), (0.8, 0.8)), (PRODUCTION, (0.85, 0.85, 1.0), (0.85, 0.9))],
     ids=lambda value: getattr(value, "name", ""),
 )
 def test_errors_and_bands(traffic_truth, profile, whole, shifts):
