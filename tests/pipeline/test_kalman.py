@@ -177,8 +177,8 @@ def test_a_faulty_signal_is_ridden_out(drives, clean, truth, drive, fault, signa
     """200 ms in the middle of a shift: no divergence, the flag names it, 300 ms later all is nearly as without.
 
     What is left is within two of the filter's own σ. A torque that sticks cannot be told from one that stays the
-    same; nor can both wheels of the driven axle on the slow bus, whose prediction is uncertain in a shift: there it
-    is three. Wheels go stale after 200 ms only.
+    same; nor can both wheels of the driven axle on the slow bus, whose prediction is uncertain in a shift: there
+    what is left is within three. Wheels go stale after 200 ms only.
     """
     settings = LABORATORY_SETTINGS if drive == "laboratory" else PRODUCTION_SETTINGS
     estimator = Estimator(settings)
