@@ -101,7 +101,7 @@ def cost(configs: dict[str, Config], frames: Frames) -> dict[str, float]:
     start = time.thread_time()
     for what, a, b in work:
         if what == tape.PREDICT:
-            factors = kalman_noise.process_noise(f, tuning, 1, 0, False)
+            factors = kalman_noise.process_noise(f, tuning, 1, 0)
             x, P = predict(x, P, 100.0, f["per_error"], k.tables, a, b, factors)
         else:
             x, P = measure(x, P, a, x[a], 0.01)

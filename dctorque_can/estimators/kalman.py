@@ -43,7 +43,7 @@ from dctorque_can.estimators.kalman_model import (
 )
 from dctorque_can.estimators.kalman_noise import (
     admit_parameter_errors,
-    decide_held_rate,
+    decide_brake_rate,
     decide_rates,
     engine_variance,
     process_noise,
@@ -71,8 +71,9 @@ FILTER = np.dtype(
         ("recent_load", "f8"),
         ("recent_inertial", "f8"),
         ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
-        ("held_rate", "f8"),  # N·m/√s, how fast the load may change while the car is held by brakes
-        ("braked", "u1"),  # … and whether it is
+        ("brake_rate", "f8"),  # N·m/√s, how fast brakes may change the load now
+        ("brakes", "u1"),  # whether they act, and whether the car stands
+        ("stands", "u1"),
         ("T_en", "f8"),  # nominal engine torque, behind the engine's lag
         ("told", "f8"),  # … as the last frame with one told it, and its time
         ("torque_us", "i8"),
@@ -101,7 +102,7 @@ FILTER = np.dtype(
         ("noise_ratio", "f8", (_SENSORS,)),  # `kalman_learning`: true variance of a sample over the configured one
         ("noise_samples", "f8", (_SENSORS,)),  # … and how many samples it was learned from
         ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
-        ("taken", "i8", (_SENSORS,)),  # measurements within the gate, through all restarts
+        ("taken", "i8", (_SENSORS,)),  # measurements within the gate but zeros, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
         ("beyond", "i8", (_SENSORS,)),  # … and those that were not believed
         ("hint_us", "i8", (4,)),  # when each of `kalman_hints` was last given
@@ -173,7 +174,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.torque_noise, f.held = FIRST_NOISE, math.nan
     f.T_en = f.told = f.told_before = f.recent_torque = T_en
     f.recent_output = f.recent_load = f.recent_inertial = f.T_o = 0.0
-    f.held_rate, f.braked = tuning.held_load, False
+    f.brake_rate, f.brakes, f.stands = 0.0, False, False
     for i in range(2):
         f.torque_rate[i] = tuning.rate[_OPEN]
     for i in range(4):
@@ -204,9 +205,9 @@ def predict(
     rest = t_us - f.t_us + FINEST_US // 2
     seconds = max(rest // FINEST_US, 0) * FINEST_US * 1e-6
     decide_rates(f, tuning, phase_1, phase_2, seconds)
-    decide_held_rate(f, tuning, brakes or stands, seconds)
+    decide_brake_rate(f, tuning, brakes, stands, seconds)
     admit_parameter_errors(f, tuning, seconds)
-    q = process_noise(f, tuning, phase_1, phase_2, brakes)
+    q = process_noise(f, tuning, phase_1, phase_2)
     first = tables.row[f.gear[0] + 1, f.gear[1] + 1]
     for step in range(len(_STEPS)):
         while rest >= _STEPS[step]:

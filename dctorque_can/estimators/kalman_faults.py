@@ -31,6 +31,7 @@ _SLIPPING = int(ClutchPhase.SLIPPING)
 _ENGINE = 0
 _MOVED = 4.0  # standard deviations by which a prediction must leave a value that is repeated
 _TURNS = 1.0  # rad/s; slower speeds are told as zero
+TOLD_AS_ZERO = 1e-6  # … which the scale and offset of a DBC may leave not quite that; it has no noise
 _CHANCE = 1e-6
 _LEAST_SHARE = 0.2
 _RISING, _FALLING = 0.1, 0.005  # per change: what was learned at a constant speed is kept through faster ones
@@ -50,8 +51,9 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     """Take a speed z of x_i unless its sensor is at fault.
 
     Beyond the gate it is, or further from the last one that was taken than the shaft can get, unless the last ones
-    move smoothly (something moves the shaft that the model does not know of), others are beyond it too,
-    or it has lasted for the patience of the gate: then the state is opened to them.
+    move smoothly (something moves the shaft that the model does not know of), others are beyond it too, or it has
+    lasted for the patience of the gate: then the state is opened to them. A speed that is told as zero says nothing
+    of the noise, and does not count among the innovations.
 
     Args:
         f: `kalman.FILTER`.
@@ -73,7 +75,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
         return
     reach = fastest * (f.t_us - f.accepted_us[sensor]) * 1e-6 + math.sqrt(2.0 * tuning.gate * variance)
     if not beyond and not abs(z - f.accepted[sensor]) > reach:  # before the first there is none to compare with
-        noisy = z != 0.0  # slow shafts are told as zero
+        noisy = abs(z) > TOLD_AS_ZERO
         if noisy:
             f.taken[sensor] += 1
             f.squares[sensor] += e * e / S

@@ -99,9 +99,8 @@ def change_gears(f: Any, tuning: Any, g1: int, g2: int) -> None:
         torque, rate = tuning.open_torque, tuning.rate[_OPEN]
         if gear == 0:
             torque, rate = tuning.neutral[i], tuning.neutral_rate[i]
-            f.torque_rate[1 - i] = max(
-                f.torque_rate[1 - i], tuning.rate[_LOCKED]
-            )  # a synchroniser is about to pull
+            # a synchroniser is about to pull, and shakes the other clutch
+            f.torque_rate[1 - i] = max(f.torque_rate[1 - i], tuning.rate[_LOCKED])
         forget(f, T_C1 + i, 0.0, torque**2)
         forget(f, R_1 + i, 0.0, rate**2)
 

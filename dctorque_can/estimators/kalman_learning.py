@@ -4,7 +4,8 @@ The innovation e of a speed has the variance P_ii + R, so (e² − P_ii)/R says 
 configured R the variance is. Shifts, changes of torque and wrong parameters make e larger too: it is learned only
 while the torques are steady, and the less the surer the sample is than the prediction, since e² − P_ii itself has
 the variance 2 (P_ii + R)². R never falls below a quarter of what is configured, nor below the resolution's q²/12:
-a value that stays the same has an error that does.
+a value that stays the same has an error that does. What the filter doubts too much of a prediction looks like a
+sensor that is better than told; the quarter limits what that can do.
 """
 
 from __future__ import annotations

@@ -69,25 +69,25 @@ def shaken_rate(f: Any, tuning: Any, i: int) -> float:
 
 
 @compiled_without_allocation
-def decide_held_rate(f: Any, tuning: Any, held: bool, seconds: float) -> None:
-    """Decide how fast the load may change while the car stands or brakes, N·m/√s.
+def decide_brake_rate(f: Any, tuning: Any, brakes: bool, stands: bool, seconds: float) -> None:
+    """Decide how fast brakes, or what holds a car that stands, may change the load, N·m/√s.
 
-    It rises at once when that begins and when the load changes, and falls in the settling time: brakes that stay
-    as they are are a steady load.
+    It rises at once when one of them begins or ends and when the load changes meanwhile, and falls in the settling
+    time: brakes that stay as they are are a steady load.
     """
     change = f.x[T_V] - f.recent_load
     f.recent_load += min(seconds / _RECENT, 1.0) * change
-    rate = min(abs(change) / math.sqrt(_RECENT), tuning.held_load)
-    if held and not f.braked:
+    rate = 0.0
+    if brakes or stands:
+        rate = max(_HELD_SHARE * tuning.held_load, min(abs(change) / math.sqrt(_RECENT), tuning.held_load))
+    if brakes != bool(f.brakes) or stands != bool(f.stands):
         rate = tuning.held_load
-    f.braked = held
-    f.held_rate = max(rate, _HELD_SHARE * tuning.held_load, math.exp(-seconds / tuning.settling) * f.held_rate)
+    f.brakes, f.stands = brakes, stands
+    f.brake_rate = max(rate, math.exp(-seconds / tuning.settling) * f.brake_rate)
 
 
 @compiled_without_allocation
-def process_noise(
-    f: Any, tuning: Any, phase_1: int, phase_2: int, brakes: bool
-) -> tuple[float, float, float, float, float]:
+def process_noise(f: Any, tuning: Any, phase_1: int, phase_2: int) -> tuple[float, float, float, float, float]:
     """Return the factors of the five noises of `Tables`: variances of r_1 and r_2, T_x and T_v in (N·m)²/s, ΔT_e.
 
     By the model the tyres follow the clutches through the gears; on top come a share of the rate that may be, or
@@ -101,8 +101,10 @@ def process_noise(
             ratio = tuning.ratio[i, f.gear[i] + 1]
             wheel_rate = max(wheel_rate, abs(ratio) * f.torque_rate[i])
             handed_on += ratio * f.x[R_1 + i]
-    load = f.held_rate**2 if f.braked else tuning.road_load**2
-    tyre = (_DRIVEN_BRAKES * f.held_rate) ** 2 if brakes else _LEAST_TYRE_TORQUE**2
+    load = max(f.brake_rate, tuning.road_load) ** 2
+    tyre = _LEAST_TYRE_TORQUE**2
+    if f.brakes or not f.stands:  # of a car that is held without them the driven wheels are as free as ever
+        tyre = max(_DRIVEN_BRAKES * f.brake_rate, _LEAST_TYRE_TORQUE) ** 2
     own_rate = max(tuning.tyre_share * wheel_rate, _SLIPPING_SHARE * abs(handed_on))
     own_rate = max(own_rate, _SYNCHRONISER_SHARE * synchroniser_rate)
     tyre += 2.0 * tuning.rate_time * own_rate**2

@@ -16,9 +16,7 @@ LEAST_NOISE = 0.25  # of a configured variance, beside its resolution: sensors m
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
 GEARS = MAX_GEAR + 2  # places for gear numbers from −1
 SPEEDS = 7  # engine, both input shafts, each wheel for itself
-SLIDING = (
-    12.0  # rad/s of slip from which a clutch neither locks nor turns its torque, late and noisy as speeds are
-)
+SLIDING = 12.0  # rad/s of slip from which friction neither locks nor turns, late and noisy as the speeds are
 
 TUNING = np.dtype(
     [
@@ -35,11 +33,7 @@ TUNING = np.dtype(
         ("open_torque", "f8"),  # N·m, of an open clutch around its drag
         ("drag", "f8", (2,)),
         ("speed_variance", "f8", (SPEEDS,)),  # of one sample: engine, input shafts, wheels FL, FR, RL, RR
-        (
-            "least_noise",
-            "f8",
-            (5,),
-        ),  # share of it that is always believed: engine, shafts, driven and other wheels
+        ("least_noise", "f8", (5,)),  # share of it that is always believed; both axles' wheels alike
         ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
         ("gate", "f8"),  # largest normalised innovation squared that is believed
         ("patience_us", "i8"),  # … until one has not been for so long

@@ -242,11 +242,19 @@ def measure_axle(core: Any, f: Any, tuning: Any, left: int, driven: bool, sensor
         mean, variance = 0.5 * (w_l + w_r), 0.25 * (variance_l + variance_r)
         kalman_faults.measure_gated(f, tuning, sensor, state, mean, variance, FASTEST_WHEEL)
     elif there_l:
-        kalman_faults.measure_gated(f, tuning, sensor, state, w_l - usual, variance_l, FASTEST_WHEEL)
+        z = alone(w_l, -usual)
+        kalman_faults.measure_gated(f, tuning, sensor, state, z, variance_l, FASTEST_WHEEL)
     else:
-        kalman_faults.measure_gated(f, tuning, sensor, state, w_r + usual, variance_r, FASTEST_WHEEL)
+        z = alone(w_r, usual)
+        kalman_faults.measure_gated(f, tuning, sensor, state, z, variance_r, FASTEST_WHEEL)
     if fault != 0:
         kalman_faults.blame(f, sensor, fault)
+
+
+@compiled_without_allocation
+def alone(speed: float, correction: float) -> float:
+    """Return an axle's speed by one wheel, corrected for its usual distance from the mean unless it stands."""
+    return speed + correction if abs(speed) > kalman_faults.TOLD_AS_ZERO else 0.0
 
 
 @compiled_without_allocation

@@ -49,7 +49,7 @@ def as_the_filter_has_them(k, seconds):
     """The five noises of its next prediction, in this state."""
     f, tuning = k.state.copy()[0], k.tuning[0]
     kalman_noise.decide_rates(f, tuning, SLIPPING, LOCKED, seconds)
-    return kalman_noise.process_noise(f, tuning, SLIPPING, LOCKED, False)
+    return kalman_noise.process_noise(f, tuning, SLIPPING, LOCKED)
 
 
 def model(k, step, noises):
@@ -126,7 +126,8 @@ SPEEDS = (State.W_E, State.W_C1, State.W_C2, State.W_W, State.W_B)
 def test_consistent_on_data_of_its_own_model(tables):
     """30 drives of 0.4 s drawn from the model: NIS of each sensor and NEES of the torques are within chi-square.
 
-    The limits enclose 99.9 %; the torques' errors are counted once a drive, since they are correlated in time.
+    The limits enclose 99.9 %; the torques' errors are counted once a drive, since they are correlated in time. How
+    large the noises are is the filter's own choice at each step; what they should be is for the other tests.
     """
     random = np.random.default_rng(11)
     noise = np.array([0.3, 0.3, 0.3, 0.02, 0.02])
@@ -416,31 +417,58 @@ def test_a_synchroniser_shakes_the_locked_clutch(tables):
 
 
 def test_brakes_that_stay_as_they_are_are_steady(tables):
-    """3000 N·m/√s as they come, a fifth in the end; a load that jumps by 1000 N·m: they change."""
+    """3000 N·m/√s as they come, as the car stops and as they go, else a fifth; a load that jumps: they change."""
     k = new_filter(tables)
     f, tuning = k.state[0], k.tuning[0]
     rates = []
-    for held, seconds, load in (
-        (True, 0.01, 0.0),
-        (True, 0.2, 0.0),
-        (True, 10.0, 0.0),
-        (True, 0.01, 1000.0),
-        (True, 10.0, 1000.0),
-        (False, 10.0, 1000.0),
-        (True, 0.01, 1000.0),
+    for brakes, stands, seconds, load in (
+        (True, False, 0.01, 0.0),
+        (True, False, 0.2, 0.0),
+        (True, False, 10.0, 0.0),
+        (True, False, 0.01, 1000.0),
+        (True, False, 10.0, 1000.0),  # since when it has changed no more
+        (True, False, 10.0, 1000.0),
+        (True, True, 0.01, 1000.0),
+        (False, True, 0.01, 1000.0),
+        (False, True, 10.0, 1000.0),
+        (False, False, 0.01, 1000.0),
+        (False, False, 10.0, 1000.0),
+        (False, False, 0.01, 3000.0),  # a hill
     ):
         f["x"][State.T_V] = load
-        kalman_noise.decide_held_rate(f, tuning, held, seconds)
-        rates.append(f["held_rate"])
-    changing = 1000.0 / np.sqrt(0.2)
-    assert rates[:4] == pytest.approx([3000.0, 3000.0 / np.e, 600.0, changing])
-    assert rates[5:] == pytest.approx([600.0, 3000.0])
-    f["x"][[State.R_1, State.R_2]] = 0.0
-    loads = []
-    for braked in (False, True):
-        f["braked"] = braked
-        loads.append(kalman_noise.process_noise(f, tuning, LOCKED, OPEN, False)[3])
-    assert loads == pytest.approx([60.0**2, 3000.0**2])
+        kalman_noise.decide_brake_rate(f, tuning, brakes, stands, seconds)
+        rates.append(f["brake_rate"])
+    changed = 1000.0 / np.sqrt(0.2)
+    most, steady = 3000.0, 600.0
+    expected = [most, most / np.e, steady, changed, 0.95 * changed, steady, most, most, steady, most, 0.0, 0.0]
+    assert rates == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("brakes", "stands", "tyre"),
+    [(True, False, 300.0), (True, True, 300.0), (False, True, 15.0), (False, False, 300.0)],
+)
+def test_half_of_the_brakes_is_at_the_driven_wheels(tables, brakes, stands, tyre):
+    """A car that stands without them may hang in its gears; after they were let go they act for a while."""
+    k = new_filter(tables)
+    f, tuning = k.state[0], k.tuning[0]
+    f["x"][[State.R_1, State.R_2]] = f["torque_rate"][:] = 0.0
+    f["brakes"], f["stands"], f["brake_rate"] = brakes, stands, 600.0
+    noises = kalman_noise.process_noise(f, tuning, LOCKED, OPEN)
+    assert noises[2:4] == pytest.approx((tyre**2, 600.0**2))
+    f["brake_rate"] = 0.0
+    assert kalman_noise.process_noise(f, tuning, LOCKED, OPEN)[2:4] == pytest.approx((15.0**2, 60.0**2))
+
+
+@pytest.mark.parametrize(("speed", "counts"), [(0.0, 0), (-1e-14, 0), (0.01, 1)])
+def test_what_is_told_as_zero_is_no_innovation(tables, speed, counts):
+    """Nor does it teach that the sensor had no noise."""
+    k = new_filter(tables)
+    f = k.state[0]
+    f["x"][State.W_B], f["torque_rate"][:] = 0.0, 0.0
+    kalman_faults.measure_gated(f, k.tuning[0], 4, State.W_B, speed, 0.01, 1e9)
+    assert f["taken"][4] == counts
+    assert (f["noise_ratio"][4] != 1.0) == bool(counts)
 
 
 def test_tyres_that_hand_on_more_slip_more(tables):
@@ -451,7 +479,7 @@ def test_tyres_that_hand_on_more_slip_more(tables):
     tyres = []
     for rate in (100.0, 2000.0):
         f["x"][[State.R_1, State.R_2]] = rate, 0.0
-        tyres.append(kalman_noise.process_noise(f, k.tuning[0], SLIPPING, OPEN, False)[2] - 15.0**2)
+        tyres.append(kalman_noise.process_noise(f, k.tuning[0], SLIPPING, OPEN)[2] - 15.0**2)
     own = np.array([DESIGN.tyre_torque_share * ratio * 1500.0, 0.15 * ratio * 2000.0])
     assert tyres == pytest.approx(2.0 * DESIGN.torque_rate_time_s * own**2)
 

@@ -58,7 +58,7 @@ def model(k, step, phases=(SLIPPING, LOCKED)):
     row = t.row[f["gear"][0] + 1, f["gear"][1] + 1] + 2 * int(f["drives"][0]) + int(f["drives"][1])
     kalman_noise.decide_rates(f, tuning, *phases, STEPS_US[step] * 1e-6)
     noises = (t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e)
-    factors = kalman_noise.process_noise(f, tuning, *phases, False)
+    factors = kalman_noise.process_noise(f, tuning, *phases)
     Q = t.noise[row, step] + sum(q * noise[row, step] for q, noise in zip(factors, noises, strict=True))
     F, b = t.phi[row, step].copy(), t.input[row, step]
     kalman_engine.follow_torque(f, tuning, STEPS_US[step] * 1e-6)

@@ -33,7 +33,7 @@ def test_its_steps_are_those_of_the_compiled_filter(plain):
     x, P = f["x"].copy(), f["P"].copy()
     kalman.predict(f, k.tables, k.tuning[0], SLIPPING, OPEN, False, False, STEPS_US[2])
     kalman.measure(f, State.W_E, 203.0, 0.09)
-    factors = plain.kalman_noise.process_noise(f, k.tuning[0], SLIPPING, OPEN, False)
+    factors = plain.kalman_noise.process_noise(f, k.tuning[0], SLIPPING, OPEN)
     x, P = plain.predict(x, P, 80.0, f["per_error"], k.tables, int(k.tables.row[2, 3]) + 3, 2, factors)
     x, P = plain.measure(x, P, State.W_E, 203.0, 0.09)
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
