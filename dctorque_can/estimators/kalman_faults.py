@@ -52,8 +52,8 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
 
     Beyond the gate it is, or further from the last one that was taken than the shaft can get, unless the last ones
     move smoothly (something moves the shaft that the model does not know of), others are beyond it too, or it has
-    lasted for the patience of the gate: then the state is opened to them. A speed that is told as zero says nothing
-    of the noise, and does not count among the innovations.
+    lasted for the patience of the gate: then the state is opened to them. A speed that is told as zero teaches no
+    noise, and does not count among the innovations.
 
     Args:
         f: `kalman.FILTER`.

@@ -155,8 +155,9 @@ def test_the_smoother_as_third(dctorque) -> None:
     for part in ("all", "shifts"):
         smoothed, online = (variants[name][part] for name in ("kalman smoothed", "kalman"))
         assert smoothed["samples"] == online["samples"]
-        for torque in TORQUES:  # what is left of a short drive is an offset, one draw
-            assert smoothed[torque]["rms_nm"] < 1.2 * online[torque]["rms_nm"]
+        for torque in TORQUES:
+            offset = 1.0 if part == "shifts" and torque != "output_nm" else 1.2  # of a short drive, one draw
+            assert smoothed[torque]["rms_nm"] < offset * online[torque]["rms_nm"]
             if torque != "output_nm":
                 assert smoothed[torque]["bands"]["log_score"] < online[torque]["bands"]["log_score"]
     told = dctorque("compare", "--duration", 3, "--smooth")
