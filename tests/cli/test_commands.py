@@ -93,7 +93,7 @@ def test_replay_names_the_inputs_that_never_came_and_counts_what_is_valid(dctorq
 
 
 def test_replay_smooths(dctorque, tmp_path: Path) -> None:
-    """File in, file out, a clutch less wrong than online; of a method that cannot be smoothed one line, and no file."""
+    """File in, file out, a clutch less wrong than online; a method that cannot be smoothed: one line, no file."""
     observer = ("--set", "estimator.method=oh2014")
     assert dctorque("simulate", "-o", "drive.blf", "--duration", 3).code == 0
     run = ("replay", "drive.blf", "-c", PAPER, "--truth", "--json")
