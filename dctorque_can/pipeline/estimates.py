@@ -93,11 +93,7 @@ HEALTH = np.dtype(
     [
         ("t_us", "i8"),
         ("age_us", "i8", (N_QUANTITIES,)),  # per Quantity; -1: never seen
-        (
-            "innovations",
-            "i8",
-            (len(SENSORS),),
-        ),  # speeds but zeros that the Kalman filter took; 0: the 2014 observer
+        ("innovations", "i8", (len(SENSORS),)),  # speeds but zeros that the filter took; 0: the 2014 observer
         ("innovation_squares", "f8", (len(SENSORS),)),  # … and the sum of their normalised innovations squared
         ("innovations_rejected", "i8", (len(SENSORS),)),  # speeds beyond its gate
         ("engine_torque_gain_error", "f8"),  # learned share that the engine's torque is above the nominal one, …

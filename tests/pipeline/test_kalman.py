@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import load_config
 from dctorque_can.estimators.design import Method
+from dctorque_can.pipeline import kalman_core
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
@@ -382,3 +383,11 @@ def test_a_spike_is_not_believed(drives, clean, signal, at_s):
     struck = Estimator(PRODUCTION_SETTINGS).feed(replace(data, value=data.value + 50.0 * hit)).rows
     for torque, sigma in zip(TORQUES, SIGMAS, strict=True):
         assert (np.abs(struck[torque] - good[torque]) <= 1.5 * good[sigma] + 0.5).all()
+
+
+@pytest.mark.parametrize(("told", "speed"), [(0.0, 0.0), (-1e-14, 0.0), (20.0, 20.3), (-20.0, -19.7)])
+def test_a_wheel_that_stands_is_not_corrected(told, speed):
+    """Alone it tells the mean of its axle, from which it usually differs; at rest none does."""
+    assert kalman_core.alone(told, 0.3) == pytest.approx(speed, abs=1e-12)
+    if speed == 0.0:
+        assert kalman_core.alone(told, 0.3) == 0.0
