@@ -65,6 +65,9 @@ def restart(core: Any, rules: Any, s: Any, c: Any, pair: Any) -> None:
 @compiled_without_allocation
 def advance(core: Any, rules: Any, s: Any, c: Any, pair: Any, t_us: int) -> None:
     """Move the grid to ``t_us``: whole steps, then the rest of a step up to the frame."""
+    if rules.method == Method.KALMAN:  # it predicts once it knows the phases of the clutches
+        core.t_us = max(core.t_us, t_us)
+        return
     while core.t_us < t_us:
         until = min(t_us, core.t_us + rules.step_us - (core.t_us - core.origin_us) % rules.step_us)
         dt = (until - core.t_us) * 1e-6
@@ -143,20 +146,23 @@ def act(core: Any, rules: Any, s: Any, c: Any, pair: Any, health: Any, k: Kalman
     for i in range(2):
         if core.fresh[SPEED_1 + i]:
             core.w_c[i] = core.value[SPEED_1 + i]
-    decide_gears(core, rules, c)
     if rules.method == Method.KALMAN:
-        stand_in_for_shafts(core, rules, k.state[0])
+        stand_in_for_shafts(core, k.state[0])
+        decide_gears(core, rules, c)
         decide_phases(core, rules, engine_speed(core, k.state[0]))
         act_kalman(core, rules, k)
-    else:
-        decide_phases(core, rules, s.w_e if core.running else core.value[ENGINE_SPEED])
+        if inputs_complete(core, rules):
+            speeds_fit(core, rules, c)
+        return
+    decide_gears(core, rules, c)
+    decide_phases(core, rules, s.w_e if core.running else core.value[ENGINE_SPEED])
     if not inputs_complete(core, rules):
         core.running = False  # held: the torques stay as they are until the inputs are back
         return
     if not core.running:
         restart(core, rules, s, c, pair)
     take_gears(core, s, c, pair)
-    fits = speeds_fit(core, rules, pair)
+    fits = speeds_fit(core, rules, c)
     may_1, may_2 = pair.g1 != 0 and bool(core.closed[0]), pair.g2 != 0 and bool(core.closed[1])
     carries_1 = may_1 or (pair.g1 != 0 and not c.gating)
     carries_2 = may_2 or (pair.g2 != 0 and not c.gating)

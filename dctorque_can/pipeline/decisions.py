@@ -203,15 +203,16 @@ def inputs_complete(core: Any, rules: Any) -> bool:
 
 
 @compiled_without_allocation
-def speeds_fit(core: Any, rules: Any, pair: Any) -> bool:
+def speeds_fit(core: Any, rules: Any, c: Any) -> bool:
     """Return whether the shaft speeds fit gears and wheels now, and remember since when they do not."""
     known, w_d, _, _, _ = wheel_speeds(core, rules)
     fits = True
     if known and abs(w_d) > rules.min_wheel_speed:
-        if pair.g1 != 0 and abs(core.w_c[0] / (pair.R_1 * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
-            fits = False
-        if pair.g2 != 0 and abs(core.w_c[1] / (pair.R_2 * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
-            fits = False
+        for i in range(2):
+            gear = core.gear[i]
+            ratio = c.i_t[gear + 1] * c.i_f[gear + 1]
+            if gear != 0 and abs(core.w_c[i] / (ratio * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
+                fits = False
     if not fits:
         if core.implausible_us == NEVER:
             core.implausible_us = core.t_us

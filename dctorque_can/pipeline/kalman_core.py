@@ -274,8 +274,8 @@ def engine_speed(core: Any, f: Any) -> float:
 
 
 @compiled_without_allocation
-def stand_in_for_shafts(core: Any, rules: Any, f: Any) -> None:
-    """Let the model's speed stand for that of a shaft that has no signal, so that its slip can be judged."""
+def stand_in_for_shafts(core: Any, f: Any) -> None:
+    """Let the filter's speed stand for that of a shaft that the frame does not tell, so that it can be judged."""
     for i in range(2):
-        if f.running and not rules.mapped[SPEED_1 + i]:
+        if f.running and not core.fresh[SPEED_1 + i]:
             core.w_c[i] = f.x[W_C1 + i]

@@ -31,6 +31,7 @@ _LIMITED = int(Status.LIMITED)
 _FIRST_FAULT = int(Status.ENGINE_SPEED_FAULT)
 _VALID_SHARE = 0.1  # of its plausibility limit that a clutch torque's standard deviation may be
 _VALID_OUTPUT_SHARE = 0.02  # … the output torque's and the road load's
+_KALMAN_SETTLING_US = 250_000  # a dozen frames of each sensor on a slow bus
 _SENSORS = len(SENSORS)
 
 
@@ -76,7 +77,7 @@ def judge(core: Any, rules: Any, limited: bool) -> int:
 @compiled_without_allocation
 def judge_kalman(core: Any, rules: Any, f: Any, limited: bool) -> int:
     """Return the `Status` bits of a row of the Kalman filter: a torque is valid if it is known well enough."""
-    settled = f.running and core.t_us - f.reset_us >= rules.settling_us
+    settled = f.running and core.t_us - f.reset_us >= _KALMAN_SETTLING_US
     status = judge_inputs(core, f.running, settled, limited)
     for signal in range(len(f.fault)):
         if f.fault[signal] != 0:
@@ -113,8 +114,7 @@ def publish(core: Any, rules: Any, s: Any, c: Any, pair: Any, f: Any, d: Any, ro
     T_e = core.value[ENGINE_TORQUE] + s.w_e * s.tau_e  # (46)
     T_c, T_v, w_e, w_1, w_2, a_w = s.T_c, s.T_n, s.w_e, core.w_c[0], core.w_c[1], s.a_w
     if rules.method == Method.KALMAN:
-        if not core.running:  # the 2014 observer, which runs along, has not all that it needs
-            T_o_adaptive = f.T_o
+        T_o_adaptive = f.T_o  # to be told as not known
         T_o, T_c, T_e, T_v = f.T_o, T_1 + T_2, f.T_en + torque_error(f), f.x[T_V]
         w_e, w_1, w_2, a_w = f.x[W_E], f.x[W_C1], f.x[W_C1 + 1], f.rate[W_B]
         row.clutch1_sigma_nm = min(f.sigma_1, limit_1)
