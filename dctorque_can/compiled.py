@@ -6,7 +6,7 @@
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
 
-from numba import njit
+from numba import njit, types
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -31,4 +31,18 @@ def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
         machine_code = cast(Any, njit)(cache=True, error_model="numpy", **options)(function)
     except RuntimeError:  # no place for a cache: a service user without a home; it compiles at every start
         machine_code = cast(Any, njit)(error_model="numpy", **options)(function)
+    machine_code.get_call_template = _once_for_all_literals(machine_code.get_call_template)
     return cast(Callable[P, R], machine_code)
+
+
+def _once_for_all_literals(get_call_template: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a function be compiled once for an argument of a type, instead of anew for each constant given to it."""
+
+    unliteral: Callable[[Any], Any] = types.unliteral
+
+    def plain(args: Any, kws: Any) -> Any:
+        return get_call_template(
+            tuple(unliteral(arg) for arg in args), {name: unliteral(arg) for name, arg in kws.items()}
+        )
+
+    return plain

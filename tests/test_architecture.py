@@ -11,14 +11,15 @@ NAME = PACKAGE.name
 
 # What two columns of an estimate mean, `ClutchPhase`, is physics: its definition is a word too.
 WORDS = ("pipeline.frames", "pipeline.samples", "pipeline.estimates", "driveline.phases")
+DESIGNS = ("estimators.kalman.design", "estimators.oh2014.design")
 ALLOWED: dict[str, tuple[str, ...]] = {
     "driveline": (),
-    "estimators": ("driveline",),
+    "estimators": ("driveline", *WORDS),
     "pipeline": ("estimators", "driveline"),
     "bus": WORDS,
     "logs": WORDS,
     "simulation": ("driveline", *WORDS, "bus"),
-    "config": ("bus", *WORDS, "pipeline.settings", "driveline", "estimators.design"),
+    "config": ("bus", *WORDS, "pipeline.settings", "driveline", "estimators.methods", *DESIGNS),
     "analysis": (*WORDS, "logs"),
     "daemon": ("driveline", "estimators", "pipeline", "bus", "logs", "simulation", "config", "analysis"),
     "study": (
@@ -159,8 +160,8 @@ def test_files_have_one_reason_and_a_name_that_says_it() -> None:
         ("pipeline/x.py", "import numpy as np\nnp.random.default_rng()"),
         ("bus/x.py", "from dctorque_can.pipeline.estimator import Estimator"),
         ("logs/x.py", "import dctorque_can.bus.decoder"),
-        ("simulation/x.py", "from dctorque_can.estimators import design"),
-        ("config/x.py", "from dctorque_can.estimators.oh2014 import step"),
+        ("simulation/x.py", "from dctorque_can.estimators import methods"),
+        ("config/x.py", "from dctorque_can.estimators.oh2014.observer import step"),
         ("daemon/x.py", "from dctorque_can.cli import main"),
         ("cli/x.py", "from dctorque_can.compiled import compiled"),
         ("errors.py", "from dctorque_can.logs import reader"),
@@ -178,7 +179,7 @@ def test_the_rules_catch(file: str, source: str) -> None:
             "import math\nimport numpy as np\nfrom dctorque_can.driveline.parameters import Vehicle",
         ),
         ("pipeline/x.py", "from .frames import Frames\nfrom dctorque_can.compiled import compiled"),
-        ("config/x.py", "from dctorque_can.estimators.design import Oh2014Design"),
+        ("config/x.py", "from dctorque_can.estimators.oh2014.design import Oh2014Design"),
         ("simulation/x.py", "from dctorque_can.pipeline import frames\nimport random"),
     ],
 )

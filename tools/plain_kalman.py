@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import Config
-from dctorque_can.estimators import kalman_noise, tape
-from dctorque_can.estimators.kalman_model import GAIN, N, Tables
+from dctorque_can.estimators.kalman import noise as kalman_noise
+from dctorque_can.estimators.kalman import tape
+from dctorque_can.estimators.kalman.model import GAIN, N, Tables
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.frames import Frames
 
@@ -58,7 +59,7 @@ def measure(x: Floats, P: Floats, i: int, z: float, variance: float) -> tuple[Fl
 def operations(estimator: Estimator, samples: Any) -> Operations:
     """Feed samples and return what the filter did with its matrices."""
     found: Operations = []
-    reel = estimator.kalman_filter.state["tape"]
+    reel = estimator.chosen.state["tape"]
     for begin in range(0, len(samples), SAMPLES):
         tape.rewind(reel, on=True)
         estimator.feed(samples[begin : begin + SAMPLES])
@@ -95,7 +96,7 @@ def cost(configs: dict[str, Config], frames: Frames) -> dict[str, float]:
         us[name] = 1e6 * min(took) / len(frames)
     estimator = Estimator(decoded.settings)
     work = operations(estimator, samples)
-    k = estimator.kalman_filter
+    k = estimator.chosen
     f, tuning = k.state[0], k.tuning[0]
     x, P = f["x"].copy(), f["P"].copy()
     start = time.thread_time()

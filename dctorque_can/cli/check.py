@@ -126,7 +126,7 @@ def _method(config: Config) -> str:
 
 
 def _lost(name: str, config: Config) -> str:
-    from dctorque_can.estimators.design import Method
+    from dctorque_can.estimators.methods import Method
 
     with_kalman = LOST_WITH_KALMAN if config.settings.method is Method.KALMAN else {}
     return with_kalman.get(name, LOST[name])

@@ -58,9 +58,9 @@ def design(
         known = ", ".join(PLOT_FORMATS)
         raise typer.BadParameter(f"{output}: the suffix says no known format; known are {known}", param_hint="-o")
     with activity("loading", show=STDERR.is_terminal):
-        from dctorque_can.estimators.driving_conditions import all_pairs as every_pair
-        from dctorque_can.estimators.driving_conditions import neighbouring_pairs
-        from dctorque_can.estimators.noise_and_lag import SpeedSensors
+        from dctorque_can.estimators.oh2014.driving_conditions import all_pairs as every_pair
+        from dctorque_can.estimators.oh2014.driving_conditions import neighbouring_pairs
+        from dctorque_can.estimators.oh2014.noise_and_lag import SpeedSensors
 
         periods = _periods_us(period)
         sensors = SpeedSensors(noise_engine, noise_shaft, noise_wheel, *periods)
@@ -107,7 +107,7 @@ def _periods_us(text: str) -> tuple[int, int, int]:
 
 def _chosen(text: str, vehicle: Vehicle) -> tuple[int, int]:
     """Return the pair that ``A-B`` names, in any order."""
-    from dctorque_can.estimators.driving_conditions import all_pairs
+    from dctorque_can.estimators.oh2014.driving_conditions import all_pairs
 
     known = {frozenset("R" if g < 0 else str(g) for g in pair): pair for pair in all_pairs(vehicle)}
     wanted = frozenset(text.upper().split("-"))

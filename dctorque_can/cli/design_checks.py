@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dctorque_can.estimators import stability
-from dctorque_can.estimators.design import RoadLoad
-from dctorque_can.estimators.driving_conditions import DrivingCondition
+from dctorque_can.estimators.oh2014 import stability
+from dctorque_can.estimators.oh2014.design import RoadLoad
+from dctorque_can.estimators.oh2014.driving_conditions import DrivingCondition
 
 if TYPE_CHECKING:
     from dctorque_can.cli.design_report import Design

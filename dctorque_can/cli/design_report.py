@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from dctorque_can.cli.design_checks import checks, limits_of_the_proof
 from dctorque_can.config.estimation import FASTEST_POLE
-from dctorque_can.driveline.parameters import STANDARD_GRAVITY
-from dctorque_can.estimators import noise_and_lag, stability
-from dctorque_can.estimators.driving_conditions import DrivingCondition, driving_conditions
-from dctorque_can.estimators.noise_and_lag import SampledErrors, SpeedSensors
+from dctorque_can.driveline.parameters import STANDARD_GRAVITY, DrivenAxle
+from dctorque_can.estimators.oh2014 import noise_and_lag, stability
+from dctorque_can.estimators.oh2014.driving_conditions import DrivingCondition, driving_conditions
+from dctorque_can.estimators.oh2014.noise_and_lag import SampledErrors, SpeedSensors
 from dctorque_can.pipeline.samples import Quantity
-from dctorque_can.pipeline.settings import DrivenAxle
 
 if TYPE_CHECKING:
     from dctorque_can.pipeline.settings import Settings

@@ -32,11 +32,11 @@ from dctorque_can.config.signals import (
     ProtectionSection,
 )
 from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear, gear_number
-from dctorque_can.driveline.parameters import Gear
+from dctorque_can.driveline.parameters import DrivenAxle, Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
-from dctorque_can.estimators.design import Method
+from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
-from dctorque_can.pipeline.settings import DrivenAxle, GearInference, Settings
+from dctorque_can.pipeline.settings import GearInference, Settings
 
 MOST_TAKEN_AGAIN_PER_S = 20_000  # frames; at 5 µs each (docs/kalman_accuracy.md) a tenth of a processor
 

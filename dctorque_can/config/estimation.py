@@ -13,7 +13,8 @@ from pydantic import Field
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
 from dctorque_can.config.signals import CommandSection, FlagSection, GearSignalSection, PositionSection
-from dctorque_can.estimators.design import KalmanDesign, Oh2014Design, RoadLoad, SubObserver
+from dctorque_can.estimators.kalman.design import KalmanDesign
+from dctorque_can.estimators.oh2014.design import Oh2014Design, RoadLoad, SubObserver
 from dctorque_can.pipeline.settings import GearInference
 
 FASTEST_POLE = 0.5  # bandwidth · step; beyond it a discrete observer no longer behaves as designed

@@ -9,8 +9,17 @@ from pydantic import BeforeValidator, Field
 
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
-from dctorque_can.driveline.parameters import Chassis, Clutch, Damper, Gear, OutputShaft, Shaft, Thermal, Vehicle
-from dctorque_can.pipeline.settings import DrivenAxle
+from dctorque_can.driveline.parameters import (
+    Chassis,
+    Clutch,
+    Damper,
+    DrivenAxle,
+    Gear,
+    OutputShaft,
+    Shaft,
+    Thermal,
+    Vehicle,
+)
 
 REVERSE = -1
 

@@ -15,7 +15,7 @@ from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import Config
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSource
-from dctorque_can.estimators.design import Method
+from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.frames import Frames

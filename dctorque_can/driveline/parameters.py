@@ -3,9 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 STANDARD_GRAVITY = 9.80665  # m/s²
 AIR_DENSITY = 1.2  # kg/m³
+MAX_GEAR = 15  # largest gear number; that of reverse is −1
+GEARS = MAX_GEAR + 2  # places of a table by gear number + 1
+
+
+class DrivenAxle(IntEnum):
+    """Which wheels the transmission drives."""
+
+    FRONT = 0
+    REAR = 1
+    ALL = 2
 
 
 @dataclass(frozen=True, slots=True)

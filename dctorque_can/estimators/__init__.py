@@ -1,1 +1,1 @@
-"""Estimators of the individual clutch torques, their gains and their stability."""
+"""Estimators of the individual clutch torques: one package each, behind one contract (`contract`)."""

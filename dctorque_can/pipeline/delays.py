@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.pipeline.core_state import NEVER
 from dctorque_can.pipeline.parts import Parts
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
-PLACES = 1024  # so many may wait: 0.2 s of 5000 frames/s
+MOST = 1024  # frames that may wait: 0.2 s of 5000 frames/s
+PLACES = MOST + N_QUANTITIES  # and the one at hand, whose signals may be of different times
 
 SAMPLES = np.dtype(
     [
@@ -33,8 +33,7 @@ SAMPLES = np.dtype(
 
 QUEUE = np.dtype(
     [
-        ("arrived_us", "i8"),  # time of the latest frame; NEVER before the first
-        ("frame_us", "i8"),  # … of the frame at hand, which may be older
+        ("frame_us", "i8"),  # time of the frame at hand
         ("frame", "i8"),  # its number
         ("first", "i8"),  # place of the oldest that waits
         ("count", "i8"),
@@ -48,9 +47,7 @@ QUEUE = np.dtype(
 
 def new() -> NDArray[np.void]:
     """Return an empty `QUEUE` ``[1]``."""
-    queue = np.zeros(1, QUEUE)
-    queue["arrived_us"] = NEVER
-    return queue
+    return np.zeros(1, QUEUE)
 
 
 @compiled_without_allocation
@@ -58,7 +55,6 @@ def note_frame(queue: Any, t_us: int) -> None:
     """Note the time of a new frame."""
     queue.frame_us = t_us
     queue.frame += 1
-    queue.arrived_us = max(t_us, queue.arrived_us)
 
 
 @compiled_without_allocation
@@ -84,12 +80,12 @@ def place(queue: Any, t_us: int) -> Any:
 
 
 @compiled_without_allocation
-def count_timeouts(queue: Any, core: Any, health: Any) -> None:
+def count_timeouts(queue: Any, inputs: Any, health: Any) -> None:
     """Count the inputs that are missing in an estimate and were not in the last one."""
     for q in range(N_QUANTITIES):
-        if core.stale[q] and not queue.stale[q]:
+        if inputs.stale[q] and not queue.stale[q]:
             health.timeouts[q] += 1
-        queue.stale[q] = core.stale[q]
+        queue.stale[q] = inputs.stale[q]
 
 
 @compiled_without_allocation
@@ -102,16 +98,28 @@ def move(source: Any, target: Any) -> None:
 
 
 @compiled_without_allocation
-def waiting(queue: Any, n: int) -> Any:
-    """Return the n-th of those that wait, the oldest first."""
-    return queue.waiting[(queue.first + n) % PLACES]
+def nth(queue: Any, n: int) -> int:
+    """Return the place of the n-th of those that wait, the oldest first."""
+    return int((queue.first + n) % PLACES)
 
 
 @compiled_without_allocation
-def drop_oldest(queue: Any) -> None:
-    """Take the oldest out."""
-    queue.first = (queue.first + 1) % PLACES
+def is_ripe(queue: Any, arrived_us: int, longest_delay_us: int) -> bool:
+    """Return whether the oldest that waits can take effect for good: none older can come, or no room is left."""
+    if queue.count == 0:
+        return False
+    if longest_delay_us == 0 or queue.count > MOST:
+        return True
+    return bool(queue.waiting[queue.first].t_us < arrived_us - longest_delay_us)
+
+
+@compiled_without_allocation
+def take_oldest(queue: Any) -> int:
+    """Take the oldest out; return its place, where it stands until another one comes."""
+    place = int(queue.first)
+    queue.first = (place + 1) % PLACES
     queue.count -= 1
+    return place
 
 
 @compiled_without_allocation

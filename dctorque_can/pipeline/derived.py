@@ -13,19 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.bivariate_normal import upper_quadrant
-from dctorque_can.estimators.design import Method, SubObserver
-from dctorque_can.estimators.kalman_model import W_C1, W_D
-from dctorque_can.pipeline.core_state import NEVER
-from dctorque_can.pipeline.decisions import COMMAND_1, usable
+from dctorque_can.estimators.inputs import COMMAND_1, phase_of, usable
+from dctorque_can.pipeline.bivariate_normal import upper_quadrant
 from dctorque_can.pipeline.estimates import Status
-from dctorque_can.pipeline.kalman_core import phase_of
-
-TIE_UP_NM = 20.0
-"""What must recirculate to be a tie-up: a tenth of an engine's torque; in gears 1 and 2 it brakes a 1600 kg car by
-0.25 m/s². Less than the standard deviations within a shift (10 to 25 N·m) would be suspected in every one."""
-MOST_POWER_W = 1e7  # no clutch survives a tenth of it; energies stay finite whatever the inputs say
+from dctorque_can.pipeline.thresholds import MOST_POWER_W, TIE_UP_NM
 
 _OPEN, _SLIPPING = int(ClutchPhase.OPEN), int(ClutchPhase.SLIPPING)
 _CLUTCH_VALID = int(Status.CLUTCH1_VALID)  # bits of clutch 1; those of clutch 2 are the next higher ones
@@ -67,52 +60,22 @@ def bounded(value: float, limit: float) -> float:
 
 
 @compiled_without_allocation
-def observed_torques(rules: Any, s: Any) -> tuple[float, float]:
-    """Return the torques of both clutches by the 2014 observer, N·m, not limited yet."""
-    if rules.sub_observer == SubObserver.UNKNOWN_INPUT:
-        return s.T_c1_uio, s.T_c2_uio
-    return s.T_c1, s.T_c2
-
-
-@compiled_without_allocation
-def clutch_torques(rules: Any, s: Any, f: Any) -> tuple[float, float]:
-    """Return the torques of both clutches by the chosen method, N·m, not limited yet."""
-    if rules.method == Method.KALMAN:
-        return f.T_c1, f.T_c2
-    if rules.sub_observer == SubObserver.ADAPTIVE:
-        return 0.0, 0.0  # it knows the output torque alone
-    return observed_torques(rules, s)
-
-
-@compiled_without_allocation
-def is_running(core: Any, rules: Any, f: Any) -> bool:
-    """Return whether the chosen method estimates, and does not hold its torques."""
-    return bool(f.running) if rules.method == Method.KALMAN else bool(core.running)
-
-
-@compiled_without_allocation
-def follow(core: Any, rules: Any, s: Any, f: Any, d: Any) -> None:
+def follow(core: Any, inputs: Any, rules: Any, answer: Any, d: Any) -> None:
     """Carry powers, energies and temperatures to the frame that has just taken effect."""
-    T_1, T_2 = clutch_torques(rules, s, f)
-    runs = is_running(core, rules, f)
-    goes_on = runs and (f.reset_us if rules.method == Method.KALMAN else core.reset_us) != core.t_us
-    dt = max(core.t_us - d.t_us, 0) * 1e-6 if d.t_us != NEVER else 0.0
-    d.t_us = core.t_us
+    runs = bool(answer.running)
+    goes_on = runs and answer.reset_us != inputs.t_us
+    dt = max(inputs.t_us - d.t_us, 0) * 1e-6 if d.t_us != NEVER else 0.0
+    d.t_us = inputs.t_us
     for i in range(2):
-        phase = phase_of(core, i)
-        if rules.method == Method.KALMAN:
-            d.slip[i] = f.x[W_D] - f.x[W_C1 + i]
-        else:
-            d.slip[i] = s.w_e - core.w_c[i]
-        slips = runs and phase == _SLIPPING
+        phase = phase_of(inputs, i)
+        d.slip[i] = answer.slip[i]
         power = 0.0
-        if slips:
-            T = bounded(T_1 if i == 0 else T_2, rules.torque_limit[i])
-            power = min(abs(T * d.slip[i]), MOST_POWER_W)
+        if runs and phase == _SLIPPING:
+            power = min(abs(bounded(answer.T_c[i], inputs.torque_limit[i]) * d.slip[i]), MOST_POWER_W)
         work = 0.5 * (d.power[i] + power) * dt if goes_on else 0.0
         d.power[i] = power
         d.heat[i] += work
-        count_engagement(core, d, i, phase, bool(goes_on and core.closed_known[i]), work)
+        count_engagement(core, d, i, phase, goes_on and bool(inputs.closed_known[i]), work)
         if rules.heats[i] and dt > 0.0:
             warm(rules, d, i, work / dt, dt)
 
@@ -144,15 +107,15 @@ def warm(rules: Any, d: Any, i: int, power: float, dt: float) -> None:
 
 
 @compiled_without_allocation
-def report(core: Any, rules: Any, pair: Any, f: Any, d: Any, row: Any) -> int:
+def report(inputs: Any, rules: Any, answer: Any, d: Any, row: Any) -> int:
     """Write what follows from the torques in ``row``; return the `Status` bits that go with it."""
     status = 0
     for i in range(2):
         if d.whole[i]:
             status |= _ENERGY_KNOWN << i
-        if rules.heats[i] and is_running(core, rules, f):
+        if rules.heats[i] and answer.running:
             status |= _TEMPERATURE_KNOWN << i
-        if is_running(core, rules, f) and follows_command(core, rules, d, i):
+        if answer.running and follows_command(inputs, rules, d, i):
             status |= _RESIDUAL_KNOWN << i
     row.clutch1_power_w, row.clutch2_power_w = d.power[0], d.power[1]
     row.clutch1_energy_j, row.clutch2_energy_j = d.energy[0], d.energy[1]
@@ -160,37 +123,38 @@ def report(core: Any, rules: Any, pair: Any, f: Any, d: Any, row: Any) -> int:
     row.clutch1_engagements, row.clutch2_engagements = d.engagements[0], d.engagements[1]
     row.clutch1_temperature_c, row.clutch2_temperature_c = d.temperature[0], d.temperature[1]
     if status & _RESIDUAL_KNOWN:
-        row.clutch1_residual_nm = row.clutch1_torque_nm - commanded(core, d, 0)
+        row.clutch1_residual_nm = row.clutch1_torque_nm - commanded(inputs, d, 0)
     if status & (_RESIDUAL_KNOWN << 1):
-        row.clutch2_residual_nm = row.clutch2_torque_nm - commanded(core, d, 1)
-    if f.running and rules.method == Method.KALMAN and f.sigma_1 > 0.0 and f.sigma_2 > 0.0:
+        row.clutch2_residual_nm = row.clutch2_torque_nm - commanded(inputs, d, 1)
+    sigma_1, sigma_2 = row.clutch1_sigma_nm, row.clutch2_sigma_nm
+    if answer.running and sigma_1 > 0.0 and sigma_2 > 0.0:  # not of one that states none: NaN
         status |= _TIE_UP_KNOWN
-    if not is_running(core, rules, f) or phase_of(core, 0) == _OPEN or phase_of(core, 1) == _OPEN:
+    if not answer.running or phase_of(inputs, 0) == _OPEN or phase_of(inputs, 1) == _OPEN:
         return status  # what is open takes nothing back
     # a gear that turns the output the other way takes back what it drives
-    sign = 1.0 if core.gear[0] * core.gear[1] > 0 else -1.0  # reverse is −1
+    sign = 1.0 if inputs.gear[0] * inputs.gear[1] > 0 else -1.0  # reverse is −1
     T_1, T_2 = row.clutch1_torque_nm, sign * row.clutch2_torque_nm
     if T_1 * T_2 < 0.0:
         row.recirculated_torque_nm = min(abs(T_1), abs(T_2))
     if status & _TIE_UP_KNOWN:
-        row.tie_up_probability = tie_up_probability(T_1, T_2, f.sigma_1, f.sigma_2, sign * f.correlation)
+        row.tie_up_probability = tie_up_probability(T_1, T_2, sigma_1, sigma_2, sign * row.clutch_correlation)
     return status
 
 
 @compiled_without_allocation
-def follows_command(core: Any, rules: Any, d: Any, i: int) -> bool:
+def follows_command(inputs: Any, rules: Any, d: Any, i: int) -> bool:
     """Return whether a clutch must transmit its commanded torque: it slips, more than one that counts as locked.
 
     Of a locked clutch the command is only the limit, and an open one transmits nothing whatever is commanded.
     """
-    slips = core.closed_known[i] and phase_of(core, i) == _SLIPPING
-    return bool(slips) and abs(d.slip[i]) > rules.slip_locked and usable(core, COMMAND_1 + i)
+    slips = inputs.closed_known[i] and phase_of(inputs, i) == _SLIPPING
+    return bool(slips) and abs(d.slip[i]) > rules.slip_locked and usable(inputs, COMMAND_1 + i)
 
 
 @compiled_without_allocation
-def commanded(core: Any, d: Any, i: int) -> float:
+def commanded(inputs: Any, d: Any, i: int) -> float:
     """Return what a slipping clutch should transmit, N·m: the command is a capacity, the slip gives the sign."""
-    capacity = max(core.value[COMMAND_1 + i], 0.0)  # negative ones hold a clutch open
+    capacity = max(inputs.value[COMMAND_1 + i], 0.0)  # negative ones hold a clutch open
     return float(capacity if d.slip[i] > 0.0 else -capacity)
 
 

@@ -49,7 +49,7 @@ ESTIMATE = np.dtype(
         ("clutch2_torque_nm", "f8"),
         ("output_torque_nm", "f8"),  # (31), from the clutch torques, after efficiency
         ("output_torque_adaptive_nm", "f8"),  # T_n + τ_o dω_w/dt
-        ("clutch1_sigma_nm", "f8"),  # standard deviations of the three torques; 0: the 2014 observer knows none
+        ("clutch1_sigma_nm", "f8"),  # standard deviations of the three torques
         ("clutch2_sigma_nm", "f8"),
         ("output_sigma_nm", "f8"),
         ("clutch_correlation", "f8"),  # of the errors of both clutch torques, −1 … 1
@@ -84,7 +84,11 @@ ESTIMATE = np.dtype(
     ],
     align=True,
 )
-"""One estimate. Units are in the names; every float is finite."""
+"""One estimate. Units are in the names. Every float is finite, but for `ONLY_KALMAN` and `ONLY_OH2014`: the
+columns of another method than the chosen one are NaN, not known."""
+
+ONLY_KALMAN = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm", "clutch_correlation")
+ONLY_OH2014 = ("output_torque_adaptive_nm", "clutch1_torque_uio_nm", "clutch2_torque_uio_nm")
 
 SENSORS = ("engine", "shaft1", "shaft2", "driven_wheels", "undriven_wheels")
 """The speeds that the Kalman filter measures, in the order of its innovations."""

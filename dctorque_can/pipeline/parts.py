@@ -2,62 +2,63 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.estimators import kalman, oh2014, oh2014_model
-from dctorque_can.estimators.kalman import Kalman
-from dctorque_can.estimators.tape import TAPE
-from dctorque_can.pipeline import core_state, derived
+from dctorque_can.estimators import contract
+from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.estimates import HEALTH
-
-_NEVER_AT_FIRST = ("t_us", "settled_us", "estimate_us", "health_us", "implausible_us", "seen_us", "candidate_us")
+from dctorque_can.pipeline.rules import CORE, first_core, first_inputs
+from dctorque_can.pipeline.settings import Settings
 
 
 class Parts(NamedTuple):
-    """The state of an estimator; each record is an array ``[1]`` of its dtype.
+    """The state of an estimator and what goes with it; each record is an array ``[1]`` of its dtype.
 
     Attributes:
-        core: `core_state.CORE`.
-        state: `oh2014.STATE`.
-        pair: `oh2014_model.PAIR`.
+        core: `CORE`.
+        inputs: `contract.INPUTS`.
+        answer: `contract.ANSWER`.
         health: `HEALTH`.
         derived: `derived.DERIVED`.
-        kalman: the filter.
-        memory: int64 ``[n]``, in which all of these stand, but for the filter's tape.
+        chosen: the estimator (`contract`).
+        memory: int64 ``[n]``, in which all of these stand, but for the estimator's tape.
     """
 
     core: NDArray[np.void]
-    state: NDArray[np.void]
-    pair: NDArray[np.void]
+    inputs: NDArray[np.void]
+    answer: NDArray[np.void]
     health: NDArray[np.void]
     derived: NDArray[np.void]
-    kalman: Kalman
+    chosen: Any
     memory: NDArray[np.int64]
 
 
-def new(filter_: Kalman, coolant_c: NDArray[np.float64]) -> Parts:
-    """Return the parts of an estimator that has seen nothing yet, with tuning and tables of ``filter_``.
+def new(chosen: Any, settings: Settings, coolant_c: NDArray[np.float64]) -> Parts:
+    """Return the parts of an estimator that has seen nothing yet.
 
     Args:
-        filter_: its state is not used.
+        chosen: the estimator as it is before the first frame; its own state is copied.
+        settings: what the inputs are.
         coolant_c: temperature of both clutches at the start ``[2]``.
     """
-    # the filter comes last, since its tape is not part of what is kept
-    dtypes = (core_state.CORE, oh2014.STATE, oh2014_model.PAIR, HEALTH, derived.DERIVED, kalman.FILTER)
-    ends = np.cumsum([dtype.itemsize for dtype in dtypes])
-    everything = np.zeros(ends[-1] // 8, np.int64)
-    records = [
-        everything[(end - dtype.itemsize) // 8 : end // 8].view(dtype)
+    state = chosen.state.dtype
+    # the estimator comes last, since its tape is not part of what is kept
+    dtypes = (CORE, contract.INPUTS, contract.ANSWER, HEALTH, derived.DERIVED, state)
+    ends = np.cumsum([-(-dtype.itemsize // 8) for dtype in dtypes])
+    everything = np.zeros(ends[-1], np.int64)
+    core, inputs, answer, health, derived_, own = (
+        everything[end - -(-dtype.itemsize // 8) : end].view(np.uint8)[: dtype.itemsize].view(dtype)
         for dtype, end in zip(dtypes, ends, strict=True)
-    ]
-    core, state, pair, health, derived_, filter_state = records
-    for name in _NEVER_AT_FIRST:
-        core[name] = core_state.NEVER
-    core["slip_small_us"] = core_state.NEVER
-    core["closed"] = True
+    )
+    first_core(core)
+    first_inputs(settings, inputs)
     derived_[:] = derived.new(coolant_c)
-    memory = everything[: (ends[-1] - TAPE.itemsize) // 8]
-    return Parts(core, state, pair, health, derived_, filter_._replace(state=filter_state), memory)
+    tape = state["tape"].itemsize if "tape" in (state.names or ()) else 0
+    for name in state.names or ():
+        if name != "tape":
+            own[name] = chosen.state[name]
+    kept = everything[: ends[-1] - tape // 8]
+    return Parts(core, inputs, answer, health, derived_, chosen._replace(state=own), kept)

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
-from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.driveline.parameters import DrivenAxle, Vehicle
 from dctorque_can.driveline.phases import PhaseSettings
-from dctorque_can.estimators.design import KalmanDesign, Method, Oh2014Design
+from dctorque_can.estimators.kalman.design import KalmanDesign
+from dctorque_can.estimators.methods import Method
+from dctorque_can.estimators.oh2014.design import Oh2014Design
 from dctorque_can.pipeline.samples import Input
-
-
-class DrivenAxle(IntEnum):
-    """Which wheels the transmission drives."""
-
-    FRONT = 0
-    REAR = 1
-    ALL = 2
 
 
 @dataclass(frozen=True, slots=True)

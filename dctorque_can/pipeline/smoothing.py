@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators import smoother, tape
-from dctorque_can.estimators.design import Method
+from dctorque_can.estimators.kalman import smoother, tape
+from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.arrivals import Arrivals, without_delays
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates, Status
 from dctorque_can.pipeline.estimator import BY_PERIOD, Estimator, Snapshot
@@ -126,7 +126,7 @@ class Smoother:
 
     @property
     def _tape(self) -> NDArray[np.void]:
-        found: NDArray[np.void] = self._estimator.kalman_filter.state["tape"]
+        found: NDArray[np.void] = self._estimator.chosen.state["tape"]
         return found
 
     def _go_back(self, samples: Samples, wanted: NDArray[np.bool_], adjoint: NDArray[np.void]) -> NDArray[np.void]:
@@ -149,7 +149,7 @@ class Smoother:
             self._estimator.restore(before)
             return np.concatenate([self._go_back(samples[first], wanted[first], adjoint), late])
         found = np.zeros(len(rows), smoother.SMOOTHED)
-        k = self._estimator.kalman_filter
+        k = self._estimator.chosen
         smoother.go_back(k.state, k.tables, adjoint, found)
         _replace(rows, found, self._estimator.torque_limits)
         return rows

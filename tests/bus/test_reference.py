@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from dctorque_can.bus.database import DatabaseFile, load_database
-from dctorque_can.pipeline.derived import TIE_UP_NM
 from dctorque_can.pipeline.estimates import ESTIMATE, Status
+from dctorque_can.pipeline.thresholds import TIE_UP_NM
 
 from .demo import DBC
 

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.driveline.parameters import Thermal
+from dctorque_can.driveline.parameters import DrivenAxle, Thermal
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSource
-from dctorque_can.estimators.design import RoadLoad, SubObserver
+from dctorque_can.estimators.oh2014.design import RoadLoad, SubObserver
 from dctorque_can.pipeline.samples import Input, Protection, Quantity
-from dctorque_can.pipeline.settings import DrivenAxle, GearInference
+from dctorque_can.pipeline.settings import GearInference
 
 Load = Callable[..., Config]
 

@@ -3,9 +3,8 @@
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.driveline.parameters import Chassis, Clutch, Damper, Gear, OutputShaft, Shaft
+from dctorque_can.driveline.parameters import Chassis, Clutch, Damper, DrivenAxle, Gear, OutputShaft, Shaft
 from dctorque_can.pipeline.samples import Quantity
-from dctorque_can.pipeline.settings import DrivenAxle
 from dctorque_can.resources import find_config, shipped_config, shipped_configs, shipped_dbc
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from dctorque_can.driveline.gear_pair import SMALLEST_RATIO_STEP, GearPair, singular_pairs
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators import oh2014_model
+from dctorque_can.estimators.oh2014 import model as oh2014_model
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, parameters
 
 from .segments import AVANTE, DESIGN, PAPER

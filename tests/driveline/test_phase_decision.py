@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dctorque_can.driveline.phase_decision import driveline_phase, phase_history
+from dctorque_can.driveline.phase_decision import NEVER, driveline_phase, phase_history
 from dctorque_can.driveline.phases import ClutchActuation, ClutchPhase, DrivelinePhase, PhaseSettings, PhaseSource
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline import core_state
+from dctorque_can.estimators.contract import INPUTS
 from dctorque_can.pipeline.decisions import decide_phases
+from dctorque_can.pipeline.rules import CORE, RULES
 from dctorque_can.pipeline.samples import Quantity
 from dctorque_can.simulation import drive
 
@@ -116,19 +117,19 @@ def test_columns_that_make_no_history_are_refused(t_us, slip, position, message)
 
 def pipeline_history(t_us, w_e, w_c, position):
     """Decide both clutches' phases frame by frame with the pipeline's own function and rules filled in by hand."""
-    core, rules = np.zeros(1, core_state.CORE), np.zeros(1, core_state.RULES)
-    core["closed"], core["slip_small_us"] = True, core_state.NEVER
+    core, inputs, rules = np.zeros(1, CORE), np.zeros(1, INPUTS), np.zeros(1, RULES)
+    inputs["closed"], core["slip_small_us"] = True, NEVER
     rules["closing_sign"], rules["closed_above"], rules["open_below"] = 1.0, 3.2, 2.8
     rules["slip_locked"], rules["slip_released"], rules["lock_time_us"] = 2.0, 5.0, 50_000
     phases = np.zeros((2, len(t_us)), np.uint8)
     for k in range(len(t_us)):
-        core["t_us"] = t_us[k]
-        core["w_c"] = w_c[:, k]
+        inputs["t_us"] = t_us[k]
+        inputs["w_c"] = w_c[:, k]
         for i, quantity in enumerate((Quantity.CLUTCH1_POSITION, Quantity.CLUTCH2_POSITION)):
-            core["available"][0, quantity] = True
-            core["value"][0, quantity] = position[i, k]
-        decide_phases(core[0], rules[0], w_e[k])
-        phases[:, k] = core["phase"][0]
+            inputs["available"][0, quantity] = True
+            inputs["value"][0, quantity] = position[i, k]
+        decide_phases(core[0], inputs[0], rules[0], w_e[k])
+        phases[:, k] = inputs["phase"][0]
     return phases
 
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators.design import Method
-from dctorque_can.pipeline.estimates import Status
+from dctorque_can.estimators.methods import Method
+from dctorque_can.pipeline.estimates import ESTIMATE, ONLY_KALMAN, ONLY_OH2014, Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
 from dctorque_can.resources import shipped_config
@@ -46,6 +46,12 @@ LEARNED = S.ROAD_LOAD_LEARNED
 JUDGEMENT = VALID | READY | LEARNED | S.INPUT_STALE | S.SPEED_IMPLAUSIBLE | S.LIMITED  # of the torques
 SETTLED_MS = 85.0  # first frame 5 / 65 s after the start at 7.5 ms, when every input has been there once
 LEARNED_MS = 1007.5  # five times 0.2 s after it
+
+
+def known(method):
+    """Return the columns of an estimate that a method knows."""
+    unknown = ONLY_OH2014 if method is Method.KALMAN else ONLY_KALMAN
+    return [name for name in ESTIMATE.names if name not in unknown]
 
 
 def traffic(seconds, values, start_us=0):

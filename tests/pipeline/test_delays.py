@@ -8,7 +8,7 @@ import pytest
 
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators.design import Method
+from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline import delays
 from dctorque_can.pipeline.arrivals import Arrivals, without_delays
 from dctorque_can.pipeline.estimates import Status
@@ -105,12 +105,11 @@ def test_what_waited_long_enough_has_acted_as_if_it_had_come_at_once(taken, meth
     estimator.feed(data)
     estimator.feed(time_alone(data.t_us[-1] + LONGEST_US + 1))
     plain.feed(in_order(data, settings))
-    for record in ("state", "pair"):
-        assert getattr(estimator._now, record).tobytes() == getattr(plain._now, record).tobytes(), record
-    ours, theirs = (e.kalman_filter.state for e in (estimator, plain))
-    for name in ("x", "P", "t_us", "gear", "fault", "taken", "squares"):
-        assert np.array_equal(ours[name], theirs[name]), name
-    assert theirs["running"][0] == (method is Method.KALMAN)
+    ours, theirs = (e.chosen.state for e in (estimator, plain))
+    kalman = ("x", "P", "t_us", "gear", "fault", "taken", "squares")
+    for name in kalman if method is Method.KALMAN else ("observer", "pair"):
+        assert ours[name].tobytes() == theirs[name].tobytes(), name
+    assert theirs["running"][0]
     assert estimator._queue["count"][0] == 1  # the time alone
 
 
@@ -178,8 +177,8 @@ def test_more_than_there_are_places_for_lose_nothing():
     assert many[-1].t_us[-1] < LONGEST_US  # nothing leaves by itself
     estimator = Estimator(settings)
     rows = np.concatenate([estimator.feed(part).rows for part in many])
-    assert estimator._queue["count"][0] == delays.PLACES
-    assert estimator._now.core["t_us"][0] > -LONGEST_US
+    assert estimator._queue["count"][0] == delays.MOST
+    assert estimator._now.inputs["t_us"][0] > -LONGEST_US
     assert np.isfinite(rows["clutch1_torque_nm"]).all()
     assert (np.diff(rows["t_us"]) > 0).all()
     assert estimator.health["accepted"].sum() == len(many) * len(data)
@@ -192,7 +191,7 @@ def test_frames_without_a_value_let_time_pass():
     estimator.feed(late(traffic(1.0, lambda t: cruise())))
     nothing = late(traffic(2.0, lambda t: dict.fromkeys(cruise()), start_us=1_000_000))
     rows = estimator.feed(nothing).rows
-    assert nothing.t_us[-1] - estimator._now.core["t_us"][0] <= LONGEST_US + 2500
+    assert nothing.t_us[-1] - estimator._now.inputs["t_us"][0] <= LONGEST_US + 2500
     assert rows["status"][-1] & Status.INPUT_STALE
 
 

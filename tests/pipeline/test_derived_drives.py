@@ -10,12 +10,13 @@ from scipy.stats import multivariate_normal
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import load_config
 from dctorque_can.driveline.parameters import Thermal
-from dctorque_can.estimators.design import Method
-from dctorque_can.estimators.kalman_model import State
-from dctorque_can.pipeline.derived import TIE_UP_NM, tie_up_probability
+from dctorque_can.estimators.kalman.model import State
+from dctorque_can.estimators.methods import Method
+from dctorque_can.pipeline.derived import tie_up_probability
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Input, Quantity, Samples
+from dctorque_can.pipeline.thresholds import TIE_UP_NM
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import PAPER, simulate
 from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, emit_frames
@@ -103,7 +104,7 @@ def test_the_slip_of_the_kalman_estimator_is_that_of_its_drums():
     estimator = Estimator(settings_of("paper_car", "production", Method.KALMAN))
     row = estimator.feed(samples[samples.t_us < 2_500_000]).rows[-1]
     assert row["t_us"] == samples.t_us[samples.t_us < 2_500_000][-1]
-    x = estimator.kalman_filter.state["x"][0]
+    x = estimator.chosen.state["x"][0]
     slip = x[State.W_D] - x[State.W_C1]
     assert slip > 50.0
     assert row["clutch1_power_w"] == pytest.approx(abs(row["clutch1_torque_nm"] * slip), rel=1e-12)

@@ -8,15 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dctorque_can.driveline.parameters import DrivenAxle
 from dctorque_can.driveline.phases import ClutchActuation, ClutchPhase, PhaseSource
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators.design import Method
+from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Input, Samples, SampleStatus
-from dctorque_can.pipeline.settings import DrivenAxle, GearInference
+from dctorque_can.pipeline.settings import GearInference
 
-from .drives import BY_METHOD, SETTINGS, VEHICLE, Q, R, samples, traffic
+from .drives import BY_METHOD, SETTINGS, VEHICLE, Q, R, known, samples, traffic
 
 with_either = pytest.mark.parametrize(
     "settings", BY_METHOD.values(), ids=lambda settings: settings.method.name.lower()
@@ -69,7 +70,8 @@ def test_locked_drive_gives_the_closed_form(settings):
     drag = VEHICLE.clutches[1].drag_nms_per_rad * row["clutch2_slip_rad_s"]  # which the 2014 observer leaves out
     expected = drag if settings.method is Method.KALMAN else 0.0
     assert row["clutch2_torque_nm"] == pytest.approx(expected, abs=2.0 * row["clutch2_sigma_nm"])
-    assert row["output_torque_adaptive_nm"] == pytest.approx(T_o, rel=0.01)
+    if settings.method is Method.OH2014:
+        assert row["output_torque_adaptive_nm"] == pytest.approx(T_o, rel=0.01)
     assert Status(int(row["status"])) & Status.CLUTCH1_VALID
     assert (row["phase1"], row["phase2"]) == (ClutchPhase.LOCKED, ClutchPhase.OPEN)
     assert (row["gear1"], row["gear2"]) == (1, 2)
@@ -154,7 +156,7 @@ def test_finite_for_any_finite_input(rows):
     estimator = Estimator(SETTINGS)
     for batch in (traffic(0.2, values), samples(rows), traffic(0.1, values, 500_000)):
         result = estimator.feed(batch)
-        for name in result.rows.dtype.names:
+        for name in known(SETTINGS.method):
             assert np.isfinite(result.rows[name].astype(float)).all(), name
 
 
@@ -173,7 +175,7 @@ def test_wild_measurements_stay_finite(seed):
     )
     rows = Estimator(SETTINGS).feed(Samples(data.t_us, data.quantity, value, data.status, data.last)).rows
     assert len(rows) > 100
-    for name in rows.dtype.names:
+    for name in known(SETTINGS.method):
         assert np.isfinite(rows[name].astype(float)).all(), name
 
 

@@ -46,5 +46,5 @@ def test_three_times_the_noise_is_learned(truth):
 
 def test_noise_as_told_is_left_alone(truth):
     estimator, _ = driven(truth, TOLD)
-    ratios = estimator.kalman_filter.state["noise_ratio"][0]
+    ratios = estimator.chosen.state["noise_ratio"][0]
     assert np.all(ratios < 1.3)

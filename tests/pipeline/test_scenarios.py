@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dctorque_can.estimators.design import RoadLoad, SubObserver
+from dctorque_can.estimators.oh2014.design import RoadLoad, SubObserver
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import SampleStatus
 from dctorque_can.pipeline.settings import GearInference

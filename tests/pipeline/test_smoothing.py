@@ -9,8 +9,8 @@ import pytest
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import load_config
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators import tape
-from dctorque_can.estimators.design import Method
+from dctorque_can.estimators.kalman import tape
+from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.estimates import ESTIMATE, Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Quantity, Samples
@@ -258,7 +258,7 @@ def test_a_limit_that_only_the_smoothed_torque_meets(drives):
     more[(free["status"] & Status.CLUTCH1_VALID) == 0] = 0.0
     limit = (free["clutch1_torque_nm"] + 0.5 * more)[np.argmax(more)]
     smoother = Smoother(SETTINGS)
-    smoother._estimator._rules["torque_limit"][0, 0] = limit
+    smoother._estimator._now.inputs["torque_limit"][0, 0] = limit
     online = smoother.feed(data).rows
     rows = smoother.smoothed()
     met = (rows["clutch1_torque_nm"] == limit) & (online["clutch1_torque_nm"] < limit)

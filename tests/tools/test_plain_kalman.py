@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import kalman, tape
-from dctorque_can.estimators.kalman_model import STEPS_US, N, State
+from dctorque_can.estimators.kalman import filter as kalman
+from dctorque_can.estimators.kalman import tape
+from dctorque_can.estimators.kalman.model import STEPS_US, N, State
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import PAPER, simulate
 from dctorque_can.simulation.sensors import PRODUCTION, emit_frames
@@ -26,7 +27,7 @@ def plain(monkeypatch):
 
 def test_its_steps_are_those_of_the_compiled_filter(plain):
     settings = load_config(shipped_config("paper_car")).settings
-    k = kalman.new(settings.vehicle, replace(settings.kalman, parameter_error_share=0.0), 10)
+    k = kalman.new(settings.vehicle, replace(settings.kalman, parameter_error_share=0.0))
     f = k.state[0]
     f["gear"][:] = 1, 2
     kalman.start(f, k.tuning[0], 200.0, 150.0, 100.0, 10.0, 80.0)

@@ -1,0 +1,168 @@
+"""What an estimator gets from a frame and what it must answer.
+
+An estimator is a package of its own: a named tuple of arrays, whose first field ``state`` is a record ``[1]`` of
+all that changes in it, and seven compiled functions that `implement` joins to the tuple's type. The pipeline
+knows no more of it. It calls the functions below; the compiler chooses by the type of the tuple, so that only the
+chosen estimator is compiled, and nothing is decided at run time.
+
+Each frame: `advance` to its time, then `act` on its values; `conclude` for each estimate that is published. A
+field ``tape`` of the state, which must be its last, is room for the smoother and no part of what a snapshot keeps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+from numba import types
+from numba.core import sigutils
+from numba.extending import typeof_impl
+
+from dctorque_can.pipeline.samples import N_QUANTITIES
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+INPUTS = np.dtype(
+    [
+        # what a vehicle file says of the inputs
+        ("mapped", "u1", (N_QUANTITIES,)),
+        ("delay_us", "i8", (N_QUANTITIES,)),
+        ("driven_axle", "i8"),  # DrivenAxle
+        ("infer_gears", "u1"),
+        ("step_us", "i8"),  # of an estimator that goes on in steps of a grid
+        ("torque_limit", "f8", (2,)),  # N·m, beyond which a clutch torque is not plausible
+        ("output_limit", "f8"),
+        # what the frames have said so far
+        ("t_us", "i8"),  # the present; NEVER before the first sample
+        ("origin_us", "i8"),  # where the grid and all periods begin, so that only differences of time matter
+        ("value", "f8", (N_QUANTITIES,)),
+        ("seen_us", "i8", (N_QUANTITIES,)),
+        ("available", "u1", (N_QUANTITIES,)),
+        ("stale", "u1", (N_QUANTITIES,)),
+        ("fresh", "u1", (N_QUANTITIES,)),  # renewed by the frame at hand
+        ("gear", "i8", (2,)),
+        ("gear_known", "u1", (2,)),
+        ("closed", "u1", (2,)),  # the clutch may carry torque
+        ("closed_known", "u1", (2,)),
+        ("phase", "u1", (2,)),  # ClutchPhase
+        ("w_c", "f8", (2,)),  # rad/s, shaft speeds as the frame at hand tells them, else as the estimator has them
+        ("fits", "u1"),  # shaft speeds fit gears and wheels
+        ("fits_again", "u1"),  # … and they did not for long, until this frame
+    ],
+    align=True,
+)
+"""What the bus says at a moment: values with their ages, and what was decided on them: gears, phases, …"""
+
+ANSWER = np.dtype(
+    [
+        ("running", "u1"),  # estimates; else the torques are held as they were
+        ("reset_us", "i8"),  # when it was last started
+        ("T_c", "f8", (2,)),  # N·m, torques of both clutches
+        ("slip", "f8", (2,)),  # rad/s, of what rubs in each; positive when the engine is faster
+        ("w_e", "f8"),  # rad/s
+        ("w_c", "f8", (2,)),
+    ],
+    align=True,
+)
+"""What an estimator says after every frame."""
+
+
+class Functions(NamedTuple):
+    """The compiled functions of an estimator, as described at those of the same name below."""
+
+    start: Callable[..., None]
+    stop: Callable[..., None]
+    advance: Callable[..., None]
+    act: Callable[..., None]
+    conclude: Callable[..., int]
+    is_finite: Callable[..., bool]
+    report: Callable[..., None]
+
+
+_IMPLEMENTED: dict[type, Functions] = {}
+
+
+def implement(kind: type, functions: Functions) -> None:
+    """Let the functions of this module be ``functions`` for estimators of the type ``kind``, a named tuple."""
+    _IMPLEMENTED[kind] = functions
+
+
+class _Chosen:
+    """A function that compiled code can call: that of the same name of the estimator that it is called for."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def _of(self, args: Any) -> Any:
+        return getattr(_IMPLEMENTED[args[0].instance_class], self._name)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Answer the compiler's question for the types of the result."""
+        return self._of(args).get_call_template(args, kws)
+
+    def get_overload(self, signature: Any) -> Any:
+        """Answer the compiler's question for the machine code."""
+        normalized: Callable[[Any], Any] = sigutils.normalize_signature
+        return self._of(normalized(signature)[0]).get_overload(signature)
+
+
+@typeof_impl.register(_Chosen)
+def _type_of(value: _Chosen, context: Any) -> types.Type:
+    return types.Dispatcher(cast(Any, value))
+
+
+def _chosen_by_type(description: F) -> F:
+    return cast(F, _Chosen(description.__name__))
+
+
+@_chosen_by_type
+def start(e: Any, answer: Any) -> None:
+    """Become as new, with numbers that are finite, but do not run."""
+    raise NotImplementedError
+
+
+@_chosen_by_type
+def stop(e: Any, answer: Any) -> None:
+    """Hold the torques and expect nothing of the inputs: there was a gap in time, or a step back of the clock."""
+    raise NotImplementedError
+
+
+@_chosen_by_type
+def advance(e: Any, inputs: Any, answer: Any, t_us: int) -> None:
+    """Go on to ``t_us``, from ``inputs.t_us``, before the values of the frame at that time are known."""
+    raise NotImplementedError
+
+
+@_chosen_by_type
+def act(e: Any, inputs: Any, answer: Any) -> None:
+    """Let a whole frame take effect at ``inputs.t_us``, and answer."""
+    raise NotImplementedError
+
+
+@_chosen_by_type
+def conclude(e: Any, inputs: Any, answer: Any, row: Any) -> int:
+    """Fill torques, deviations and speeds of an estimate; return the `Status` bits that go with them.
+
+    A torque is valid as far as the estimator knows; the pipeline judges inputs and limits. What the estimator
+    does not know stays NaN.
+
+    Args:
+        e: the estimator.
+        inputs: `INPUTS`.
+        answer: `ANSWER`.
+        row: `ESTIMATE` to be filled.
+    """
+    raise NotImplementedError
+
+
+@_chosen_by_type
+def is_finite(e: Any) -> bool:
+    """Return whether all that is estimated is a number."""
+    raise NotImplementedError
+
+
+@_chosen_by_type
+def report(e: Any, row: Any) -> None:
+    """Fill what a `HEALTH` row says of the estimator itself."""
+    raise NotImplementedError

@@ -1,0 +1,1 @@
+"""The Kalman filter of both clutch torques, and the smoother that goes with it."""

@@ -1,0 +1,309 @@
+"""The Kalman estimator of both clutch torques, with their uncertainty.
+
+A frame first carries the state to its own time (`predict`), then what the gearbox is known to do enters
+(`gearbox`), then each of its speeds as one scalar measurement (`measure`), in Joseph's form. Speeds in
+rad/s, torques in N·m.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.parameters import GEARS, Vehicle
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators.kalman import model as kalman_model
+from dctorque_can.estimators.kalman import tape
+from dctorque_can.estimators.kalman import tuning as kalman_tuning
+from dctorque_can.estimators.kalman.design import KalmanDesign
+from dctorque_can.estimators.kalman.engine import FIRST_NOISE, follow_torque
+from dctorque_can.estimators.kalman.learning import forget_noise
+from dctorque_can.estimators.kalman.model import (
+    DT_E,
+    GAIN,
+    LAG_1,
+    LAG_2,
+    R_1,
+    STEPS_US,
+    T_C1,
+    T_C2,
+    T_V,
+    T_X,
+    TH_T1,
+    W_B,
+    W_C1,
+    W_D,
+    W_E,
+    W_O,
+    W_W,
+    N,
+    Tables,
+)
+from dctorque_can.estimators.kalman.noise import (
+    admit_parameter_errors,
+    decide_brake_rate,
+    decide_rates,
+    engine_variance,
+    process_noise,
+)
+from dctorque_can.estimators.kalman.tuning import SPEEDS
+
+FINEST_US = STEPS_US[-1]
+_STEPS = np.array(STEPS_US, np.int64)
+_OPEN = int(ClutchPhase.OPEN)
+_SENSORS = 5  # engine, input shafts, driven and undriven wheels
+_SIGNALS = 6  # the sensors and the nominal engine torque
+
+FILTER = np.dtype(
+    [
+        ("x", "f8", (N,)),
+        ("P", "f8", (N, N)),
+        ("scratch", "f8", (N, N)),
+        ("h", "f8", (N,)),
+        ("K", "f8", (N,)),
+        ("along", "f8", (N,)),
+        ("rate", "f8", (N,)),  # of the state over the last step
+        ("torque_rate", "f8", (2,)),  # N·m/s, how fast a clutch torque may change now
+        ("recent_torque", "f8"),  # N·m, what T_en, T_o, T_v and the engine's inertial torque were lately
+        ("recent_output", "f8"),
+        ("recent_load", "f8"),
+        ("recent_inertial", "f8"),
+        ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
+        ("brake_rate", "f8"),  # N·m/√s, how fast brakes may change the load now
+        ("brakes", "u1"),  # whether they act, and whether the car stands
+        ("stands", "u1"),
+        ("T_en", "f8"),  # nominal engine torque, behind the engine's lag
+        ("told", "f8"),  # … as the last frame with one told it, and its time
+        ("torque_us", "i8"),
+        ("told_before", "f8"),  # … as the frame before that one did
+        ("held", "f8"),  # … that jumped and waits for the next one to confirm it; NaN: none
+        ("torque_noise", "f8"),  # … and its noise, as learned
+        ("lagged", "f8", (2,)),  # T_en behind each of `engine.LAGS`
+        ("per_error", "f8", (3,)),  # N·m in the last step, per unit of the states GAIN, LAG_1 and LAG_2
+        ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
+        ("gear", "i8", (2,)),
+        ("drives", "u1", (2,)),  # direction of the losses
+        ("started", "u1"),  # once
+        ("running", "u1"),
+        ("reset_us", "i8"),  # when it was started
+        ("fault", "u1", (_SIGNALS,)),  # `faults.SensorFault`
+        ("fault_us", "i8", (_SIGNALS,)),  # since when
+        ("rejected", "i8", (_SENSORS,)),  # measurements in a row that were not believed
+        ("accepted", "f8", (_SENSORS,)),  # last measurement that was believed, and its time
+        ("accepted_us", "i8", (_SENSORS,)),
+        ("last", "f8", (SPEEDS,)),  # last measurement, wheels apart
+        ("repeats", "i8", (SPEEDS,)),  # for how many measurements it has been the very same
+        ("repeat_from", "f8", (SPEEDS,)),  # … and what was predicted for the first repetition
+        ("repeat_share", "f8", (SPEEDS,)),  # how often it repeats itself otherwise
+        ("spread", "f8", (2,)),  # rad/s, left less right wheel of the front and of the rear axle
+        ("spread_known", "u1", (2,)),
+        ("spread_us", "i8", (2,)),  # when it was last found as usual
+        ("noise_ratio", "f8", (_SENSORS,)),  # `learning`: true variance of a sample over the configured one
+        ("noise_samples", "f8", (_SENSORS,)),  # … and how many samples it was learned from
+        ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
+        ("taken", "i8", (_SENSORS,)),  # measurements within the gate but zeros, through all restarts
+        ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared
+        ("beyond", "i8", (_SENSORS,)),  # … and those that were not believed
+        ("hint_us", "i8", (4,)),  # when each of `hints` was last given
+        ("lagged_command", "f8", (2,)),  # N·m, as a clutch follows it
+        ("last_command", "f8", (2,)),  # … as it was given
+        ("T_c1", "f8"),
+        ("T_c2", "f8"),
+        ("sigma_1", "f8"),  # standard deviations of what is published
+        ("sigma_2", "f8"),
+        ("sigma_o", "f8"),
+        ("correlation", "f8"),
+        ("T_o", "f8"),
+        ("tape", tape.TAPE),  # for smoothing a log; must stay the last (`Estimator.snapshot`)
+    ],
+    align=True,
+)
+"""State, covariance, and room to work in."""
+
+
+class Kalman(NamedTuple):
+    """All that the filter needs, in one argument.
+
+    Attributes:
+        state: `FILTER` ``[1]``.
+        tuning: `kalman_tuning.TUNING` ``[1]``.
+        tables: the discrete model.
+    """
+
+    state: NDArray[np.void]
+    tuning: NDArray[np.void]
+    tables: Tables
+
+
+def new(vehicle: Vehicle, design: KalmanDesign) -> Kalman:
+    """Return a filter that has not been started."""
+    return Kalman(
+        np.zeros(1, FILTER), kalman_tuning.tuning(vehicle, design), kalman_model.tables(vehicle, design, GEARS)
+    )
+
+
+@compiled_without_allocation
+def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T_en: float) -> None:
+    """Start at the measured speeds; the torques are unknown."""
+    tape.started(f.tape)
+    for i in range(N):
+        f.x[i] = 0.0
+        for j in range(N):
+            f.P[i, j] = 0.0
+    f.x[W_E] = f.x[W_D] = w_e
+    f.x[W_C1], f.x[W_C1 + 1] = w_1, w_2
+    f.x[W_O] = f.x[W_W] = f.x[W_B] = w_w
+    for i in range(W_E, W_C1 + 2):
+        f.P[i, i] = 4.0
+    for i in (W_O, W_W, W_B):
+        f.P[i, i] = 0.1
+    for i in range(TH_T1 - 1, TH_T1 + 3):
+        f.P[i, i] = 0.05**2  # rad
+    f.P[T_X, T_X] = f.P[T_V, T_V] = 2000.0**2
+    f.P[T_C1, T_C1] = f.P[T_C2, T_C2] = 200.0**2
+    f.P[R_1, R_1] = f.P[R_1 + 1, R_1 + 1] = 100.0**2
+    f.P[DT_E, DT_E] = engine_variance(tuning, T_en)
+    f.P[GAIN, GAIN] = tuning.gain_error**2
+    f.P[LAG_1, LAG_1] = f.P[LAG_2, LAG_2] = tuning.lag_error**2
+    f.lagged[0] = f.lagged[1] = T_en
+    for m in range(3):
+        f.per_error[m] = 0.0
+    f.torque_noise, f.held = FIRST_NOISE, math.nan
+    f.T_en = f.told = f.told_before = f.recent_torque = T_en
+    f.recent_output = f.recent_load = f.recent_inertial = f.T_o = 0.0
+    f.brake_rate, f.brakes, f.stands = 0.0, False, False
+    for i in range(2):
+        f.torque_rate[i] = tuning.rate[_OPEN]
+    for i in range(4):
+        f.recent_twist[i] = 0.0
+    f.drives[0] = f.drives[1] = True
+    for i in range(N):
+        f.rate[i] = 0.0
+    for i in range(_SENSORS):
+        f.rejected[i] = 0
+        f.accepted[i] = math.nan
+    for i in range(SPEEDS):
+        f.repeats[i] = 0
+        f.last[i], f.repeat_share[i] = math.nan, 0.5
+    f.lagged_command[0] = f.lagged_command[1] = math.nan
+    f.spread_known[0] = f.spread_known[1] = False
+    for i in range(_SIGNALS):
+        f.fault[i] = 0
+    forget_noise(f)
+    f.started = f.running = True
+    f.reset_us = f.torque_us = f.t_us
+
+
+@compiled_without_allocation
+def predict(
+    f: Any, tables: Tables, tuning: Any, phase_1: int, phase_2: int, brakes: bool, stands: bool, t_us: int
+) -> None:
+    """Carry the state to ``t_us`` (to the nearest finest step)."""
+    rest = t_us - f.t_us + FINEST_US // 2
+    seconds = max(rest // FINEST_US, 0) * FINEST_US * 1e-6
+    decide_rates(f, tuning, phase_1, phase_2, seconds)
+    decide_brake_rate(f, tuning, brakes, stands, seconds)
+    admit_parameter_errors(f, tuning, seconds)
+    q = process_noise(f, tuning, phase_1, phase_2)
+    first = tables.row[f.gear[0] + 1, f.gear[1] + 1]
+    for step in range(len(_STEPS)):
+        while rest >= _STEPS[step]:
+            rest -= _STEPS[step]
+            f.t_us += _STEPS[step]
+            model = first + (2 if f.drives[0] else 0) + (1 if f.drives[1] else 0)
+            _advance(f, tables, model, step, q, follow_torque(f, tuning, _STEPS[step] * 1e-6))
+
+
+@compiled_without_allocation
+def _advance(
+    f: Any, tables: Tables, model: int, step: int, q: tuple[float, float, float, float, float], T_en: float
+) -> None:
+    """x ← F x + b T_en, P ← F P Fᵀ + Q; q of `process_noise`.
+
+    To F belongs what errors of T_en do to the state: b times ``f.per_error`` in the columns of their states.
+    """
+    tape.predicted(f, model, step)
+    for m in range(3):
+        T_en += f.per_error[m] * f.x[GAIN + m]
+    sum_errors(f)
+    phi, per_s = tables.phi, 1e6 / _STEPS[step]
+    for i in range(N):
+        value = tables.input[model, step, i] * T_en
+        for j in range(N):
+            f.scratch[i, j] = 0.0
+        for k in range(N):
+            factor = phi[model, step, i, k]
+            if factor != 0.0:  # F is sparse; along a row a vector unit does several places at once
+                value += factor * f.x[k]
+                for j in range(N):
+                    f.scratch[i, j] += factor * f.P[k, j]
+        for j in range(N):
+            f.scratch[i, j] += tables.input[model, step, i] * f.along[j]
+        f.h[i] = value
+    for i in range(N):
+        f.rate[i] = (f.h[i] - f.x[i]) * per_s
+        f.x[i] = f.h[i]
+        for j in range(N):
+            f.P[j, i] = f.scratch[i, j]  # P Fᵀ
+    sum_errors(f)
+    for i in range(N):
+        for j in range(i + 1):
+            total = tables.noise[model, step, i, j]
+            total += q[0] * tables.noise_1[model, step, i, j] + q[1] * tables.noise_2[model, step, i, j]
+            total += q[2] * tables.noise_x[model, step, i, j] + q[3] * tables.noise_v[model, step, i, j]
+            f.scratch[i, j] = total + q[4] * tables.noise_e[model, step, i, j]
+        for k in range(N):
+            factor = phi[model, step, i, k]
+            if factor != 0.0:
+                for j in range(i + 1):
+                    f.scratch[i, j] += factor * f.P[k, j]
+        for j in range(i + 1):
+            f.scratch[i, j] += tables.input[model, step, i] * f.along[j]
+    for i in range(N):
+        for j in range(i + 1):
+            f.P[i, j] = f.P[j, i] = f.scratch[i, j]
+
+
+@compiled_without_allocation
+def sum_errors(f: Any) -> None:
+    """Sum the rows of P that belong to errors of the nominal engine torque by what they add to it now."""
+    for j in range(N):
+        f.along[j] = 0.0
+        for m in range(3):
+            f.along[j] += f.per_error[m] * f.P[GAIN + m, j]
+
+
+@compiled_without_allocation
+def measure(f: Any, i: int, z: float, variance: float) -> None:
+    """Take one measurement z of x_i; Joseph's form."""
+    for k in range(N):
+        f.h[k] = f.P[k, i]
+    S = f.h[i] + variance
+    e = z - f.x[i]
+    for k in range(N):
+        f.K[k] = f.h[k] / S
+        f.x[k] += f.K[k] * e
+    tape.measured(f, i, S, e)
+    for k in range(N):
+        for m in range(N):
+            f.scratch[k, m] = f.P[k, m] - f.K[k] * f.h[m]
+    for k in range(N):
+        rest = f.scratch[k, i] - variance * f.K[k]
+        for m in range(k + 1):
+            f.P[k, m] = f.scratch[k, m] - rest * f.K[m]
+            f.P[m, k] = f.P[k, m]
+
+
+@compiled_without_allocation
+def forget(f: Any, i: int, value: float, variance: float) -> None:
+    """Replace what is known of x_i by a value that has nothing to do with the rest."""
+    tape.forgotten(f.tape, i)
+    f.x[i] = value
+    for k in range(N):
+        f.P[i, k] = 0.0
+        f.P[k, i] = 0.0
+    f.P[i, i] = variance

@@ -1,0 +1,139 @@
+"""What is known of the gearbox, as the filter uses it: phases, gears, direction of losses, and what is published.
+
+Torques in N·m, speeds in rad/s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators.kalman.filter import forget, measure
+from dctorque_can.estimators.kalman.model import (
+    R_1,
+    T_C1,
+    T_C2,
+    T_V,
+    T_X,
+    TH_O,
+    TH_T1,
+    W_C1,
+    W_D,
+    W_E,
+    N,
+    Tables,
+)
+from dctorque_can.estimators.kalman.tuning import SLIDING
+
+_OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
+_NEUTRAL_TRUST = 100.0  # variances: so weakly that it only keeps a synchroniser's torque from running away
+_REVERSAL_NM = 2.0  # beyond zero at which the losses change their direction
+_REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
+
+
+@compiled_without_allocation
+def apply_phases(f: Any, tuning: Any, open_1: bool, open_2: bool) -> None:
+    """An open clutch carries its drag, and its torque does not change; a synchroniser has no torque for long."""
+    for i in range(2):
+        if f.gear[i] == 0:
+            measure(f, T_C1 + i, 0.0, _NEUTRAL_TRUST * tuning.neutral[i] ** 2)
+        elif open_1 if i == 0 else open_2:
+            drag = tuning.drag[i] * (f.x[W_D] - f.x[W_C1 + i])
+            measure(f, T_C1 + i, drag, tuning.open_torque**2)
+            measure(f, R_1 + i, 0.0, tuning.rate[_OPEN] ** 2)
+
+
+@compiled_without_allocation
+def decide_directions(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
+    """Decide where losses go.
+
+    Friction follows the slip. Else the sign of the torque decides, with a band: a choice that followed the noise
+    would make two models of one torque contradict each other.
+    """
+    for i in range(2):
+        phase, torque = phase_1 if i == 0 else phase_2, f.x[T_C1 + i]
+        if phase == _OPEN:
+            f.drives[i] = torque >= 0.0
+            continue
+        slip = f.x[W_E] - f.x[W_C1 + i]
+        band = _REVERSAL_NM + _REVERSAL_SIGMA * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0))
+        drives = torque > -band if f.drives[i] else torque > band
+        if phase == _SLIPPING and abs(slip) > SLIDING:
+            drives = slip > 0.0
+        if drives != bool(f.drives[i]):
+            f.drives[i] = drives
+            turn_losses(f, tuning, i)
+
+
+@compiled_without_allocation
+def turn_losses(f: Any, tuning: Any, i: int) -> None:
+    """Spread the torques behind gear pair i, whose losses have changed sides.
+
+    What was known of clutch and output torque together stood on the old losses. Two lines T_o = R η^±1 T_c meet in
+    zero alone, and there the filter would be sure to be. By the span between the lines output twist, tyre torque
+    and road load become uncertain together, since their differences are known from the wheels.
+    """
+    gear = f.gear[i] + 1
+    span = tuning.loss_span[i, gear]
+    variance = span * span * (f.P[T_C1 + i, T_C1 + i] + f.x[T_C1 + i] ** 2)
+    places = (TH_T1 + i, TH_O, T_X, T_V)
+    shares = (tuning.transfer_twist[i, gear], tuning.output_twist, 1.0, 1.0)
+    for k in range(4):
+        for m in range(4):
+            f.P[places[k], places[m]] += variance * shares[k] * shares[m]
+
+
+@compiled_without_allocation
+def change_gears(f: Any, tuning: Any, g1: int, g2: int) -> None:
+    """Take new gears: a transfer shaft starts untwisted, and what its input shaft did before says nothing."""
+    for i in range(2):
+        gear = g1 if i == 0 else g2
+        if gear == f.gear[i]:
+            continue
+        f.gear[i] = gear
+        forget(f, TH_T1 + i, 0.0, 1e-6)
+        forget(f, W_C1 + i, f.x[W_C1 + i], 1e4)
+        # the clutch is open, but the frame that says so may come late
+        torque, rate = tuning.open_torque, tuning.rate[_OPEN]
+        if gear == 0:
+            torque, rate = tuning.neutral[i], tuning.neutral_rate[i]
+            # a synchroniser is about to pull, and shakes the other clutch
+            f.torque_rate[1 - i] = max(f.torque_rate[1 - i], tuning.rate[_LOCKED])
+        forget(f, T_C1 + i, 0.0, torque**2)
+        forget(f, R_1 + i, 0.0, rate**2)
+
+
+@compiled_without_allocation
+def work_out_torques(f: Any, tables: Tables, tuning: Any) -> None:
+    """Work out the published torques; in neutral a clutch has its drag alone."""
+    f.T_c1, f.T_c2 = f.x[T_C1], f.x[T_C2]
+    if f.gear[0] == 0:
+        f.T_c1 = tuning.drag[0] * (f.x[W_D] - f.x[W_C1])
+    if f.gear[1] == 0:
+        f.T_c2 = tuning.drag[1] * (f.x[W_D] - f.x[W_C1 + 1])
+    T_o = 0.0
+    for i in range(N):
+        T_o += tables.output[i] * f.x[i]
+    f.T_o = T_o
+
+
+@compiled_without_allocation
+def work_out_deviations(f: Any, tables: Tables, tuning: Any) -> None:
+    """Work out what is known of the published torques."""
+    f.sigma_1, f.sigma_2 = math.sqrt(max(f.P[T_C1, T_C1], 0.0)), math.sqrt(max(f.P[T_C2, T_C2], 0.0))
+    product = f.sigma_1 * f.sigma_2
+    f.correlation = f.P[T_C1, T_C2] / product if product > 0.0 else 0.0
+    if f.gear[0] == 0:
+        f.sigma_1 = tuning.open_torque
+    if f.gear[1] == 0:
+        f.sigma_2 = tuning.open_torque
+    if f.gear[0] == 0 or f.gear[1] == 0:
+        f.correlation = 0.0
+    variance = 0.0
+    for i in range(N):
+        if tables.output[i] != 0.0:
+            for j in range(N):
+                variance += tables.output[i] * tables.output[j] * f.P[i, j]
+    f.sigma_o = math.sqrt(max(variance, 0.0))

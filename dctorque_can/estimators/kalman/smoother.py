@@ -1,0 +1,175 @@
+"""A fixed-interval smoother: what a whole log says of each moment, by the very model of the filter.
+
+The filter goes forward and leaves a tape (`tape`) of its operations; `go_back` follows it from the end with the
+adjoint state λ and its information Λ. An estimate x with covariance P becomes x − P λ with P − P Λ P. This is the
+smoother of Bryson and Frazier in Bierman's form, which inverts no covariance and takes measurements one by one:
+
+    measurement of x_i, gain K:  C = 1 − K e_iᵀ    Λ ← Cᵀ Λ C + e_i e_iᵀ/S    λ ← Cᵀ λ − e_i e/S
+    prediction by F:             Λ ← Fᵀ Λ F        λ ← Fᵀ λ
+    x_i replaced:                row and column i of Λ, and λ_i, become zero
+
+A. E. Bryson and M. Frazier, "Smoothing for linear and nonlinear dynamic systems", Proc. Optimum System Synthesis
+Conference, Wright-Patterson AFB, ASD-TDR-63-119 (1963), 353-364. G. J. Bierman, "Fixed interval smoothing with
+discrete measurements", International Journal of Control 18 (1973), 65-75.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.estimators.kalman.model import GAIN, N, Tables
+from dctorque_can.estimators.kalman.tape import FORGET, MEASURE, PREDICT
+
+ADJOINT = np.dtype(
+    [
+        ("lam", "f8", (N,)),  # λ
+        ("Lam", "f8", (N, N)),  # Λ
+        ("scratch", "f8", (N, N)),
+        ("v", "f8", (N,)),
+    ],
+    align=True,
+)
+"""What everything later says; zero at the end of a log."""
+
+SMOOTHED = np.dtype([("torque", "f8", (3,)), ("sigma", "f8", (3,)), ("correlation", "f8")], align=True)
+"""Both clutch torques and the output torque, N·m (NaN: cannot be said); standard deviations; correlation of the
+clutches' errors."""
+
+
+@compiled_without_allocation
+def go_back(filters: NDArray[np.void], tables: Tables, adjoints: NDArray[np.void], out: NDArray[np.void]) -> None:
+    """Smooth every estimate on the tape, the last one first.
+
+    Args:
+        filters: `kalman.FILTER` ``[1]``, with the tape.
+        tables: the filter's.
+        adjoints: `ADJOINT` ``[1]`` at the end of the tape; afterwards that at its beginning.
+        out: `SMOOTHED` ``[n]``, one for each estimate on the tape.
+    """
+    tape, a = filters[0].tape, adjoints[0]
+    row = tape.rows - 1
+    for n in range(tape.operations, -1, -1):
+        while row >= 0 and tape.after[row] == n:
+            smooth(tape, a, row, out[row])
+            row -= 1
+        if n > 0:
+            undo(tape, a, tables, n - 1)
+
+
+@compiled_without_allocation
+def undo(tape: Any, a: Any, tables: Tables, n: int) -> None:
+    """Carry the adjoint state back over operation n."""
+    if tape.what[n] == MEASURE:
+        undo_measurement(tape, a, n)
+    elif tape.what[n] == PREDICT:
+        for _ in range(tape.times[n]):
+            undo_prediction(tape, a, tables, n)
+    elif tape.what[n] == FORGET:
+        i = tape.which[n, 0]
+        a.lam[i] = 0.0
+        for k in range(N):
+            a.Lam[i, k] = a.Lam[k, i] = 0.0
+    else:
+        clear(a)
+
+
+@compiled_without_allocation
+def clear(a: Any) -> None:
+    """Let nothing be known from later."""
+    for i in range(N):
+        a.lam[i] = 0.0
+        for k in range(N):
+            a.Lam[i, k] = 0.0
+
+
+@compiled_without_allocation
+def undo_measurement(tape: Any, a: Any, n: int) -> None:
+    """Λ ← Cᵀ Λ C + e_i e_iᵀ/S, λ ← Cᵀ λ − e_i e/S: of Λ only row and column i change."""
+    i, S = tape.which[n, 0], tape.S[n]
+    along, twice = 0.0, 0.0
+    for k in range(N):
+        along += tape.K[n, k] * a.lam[k]
+        total = 0.0
+        for m in range(N):
+            total += a.Lam[k, m] * tape.K[n, m]
+        a.v[k] = total  # Λ K
+        twice += tape.K[n, k] * total
+    a.lam[i] -= along + tape.e[n] / S
+    a.Lam[i, i] += twice - 2.0 * a.v[i] + 1.0 / S
+    for k in range(N):
+        if k != i:
+            a.Lam[i, k] -= a.v[k]
+            a.Lam[k, i] = a.Lam[i, k]
+
+
+@compiled_without_allocation
+def undo_prediction(tape: Any, a: Any, tables: Tables, n: int) -> None:
+    """Λ ← Fᵀ Λ F, λ ← Fᵀ λ; to F belong the columns of the errors of the engine torque (`kalman.FILTER`)."""
+    phi, model, step = tables.phi, tape.which[n, 0], tape.which[n, 1]
+    for i in range(N):
+        a.v[i] = 0.0
+        for j in range(N):
+            a.scratch[i, j] = 0.0
+    for k in range(N):
+        for i in range(N):
+            a.v[i] += phi[model, step, k, i] * a.lam[k]
+            factor = phi[model, step, i, k]  # F is sparse
+            if factor != 0.0:
+                for j in range(N):
+                    a.scratch[k, j] += a.Lam[i, j] * factor  # Fᵀ Λ
+    for m in range(3):
+        for i in range(N):
+            factor = tables.input[model, step, i] * tape.per_error[n, m]
+            a.v[GAIN + m] += factor * a.lam[i]
+            for j in range(N):
+                a.scratch[GAIN + m, j] += a.Lam[i, j] * factor
+    for i in range(N):
+        a.lam[i] = a.v[i]
+    for i in range(N):
+        for j in range(N):
+            a.v[j] = 0.0
+        for k in range(N):
+            for j in range(N):
+                a.v[j] += a.scratch[i, k] * phi[model, step, k, j]
+            for m in range(3):
+                a.v[GAIN + m] += a.scratch[i, k] * tables.input[model, step, k] * tape.per_error[n, m]
+        for j in range(i + 1):
+            a.Lam[i, j] = a.Lam[j, i] = a.v[j]
+
+
+@compiled_without_allocation
+def smooth(tape: Any, a: Any, row: int, out: Any) -> None:
+    """Write the smoothed estimate; if it is no number, nothing more is known from later."""
+    finite = True
+    for i in range(3):
+        shift, gain = 0.0, 0.0
+        for k in range(N):
+            total = 0.0
+            for m in range(N):
+                total += a.Lam[k, m] * tape.MP[row, i, m]
+            shift += tape.MP[row, i, k] * a.lam[k]
+            gain += tape.MP[row, i, k] * total
+        sigma = tape.sigma[row, i]
+        out.torque[i] = tape.torque[row, i] - shift
+        out.sigma[i] = math.sqrt(max(sigma * sigma - gain, 0.0))
+        finite = finite and math.isfinite(shift) and math.isfinite(gain)
+    shared = 0.0
+    for k in range(N):
+        for m in range(N):
+            shared += tape.MP[row, 0, k] * a.Lam[k, m] * tape.MP[row, 1, m]
+    out.correlation = tape.correlation[row]
+    if shared != 0.0:  # else nothing that comes later tells of both, and the very number stays
+        joint = tape.correlation[row] * tape.sigma[row, 0] * tape.sigma[row, 1] - shared
+        product = out.sigma[0] * out.sigma[1]
+        out.correlation = min(max(joint / product, -1.0), 1.0) if product > 0.0 else 0.0
+    for i in range(2):
+        if tape.neutral[row, i]:
+            out.sigma[i], out.correlation = tape.sigma[row, i], 0.0
+    if not finite:
+        out.torque[0] = math.nan
+        clear(a)

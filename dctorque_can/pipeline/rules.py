@@ -1,0 +1,119 @@
+"""The records of the loop in `core`: its rules, which never change, and its state."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.driveline.parameters import GEARS
+from dctorque_can.driveline.phase_decision import NEVER, closing_band
+from dctorque_can.pipeline.samples import N_QUANTITIES
+from dctorque_can.pipeline.settings import Settings
+from dctorque_can.pipeline.thresholds import CAPACITY_MARGIN, PLAUSIBLE_WHEEL_SPEED, WIDEST
+
+RULES = np.dtype(
+    [
+        ("minimum", "f8", (N_QUANTITIES,)),
+        ("maximum", "f8", (N_QUANTITIES,)),
+        ("timeout_us", "i8", (N_QUANTITIES,)),
+        ("longest_delay_us", "i8"),
+        ("estimate_period_us", "i8"),
+        ("health_period_us", "i8"),
+        ("max_gap_us", "i8"),
+        ("max_step_back_us", "i8"),
+        ("ratio", "f8", (GEARS,)),  # total, by gear number + 1; 0 where there is no such gear
+        ("shaft", "i8", (GEARS,)),  # 1 or 2
+        ("engage_tolerance", "f8"),
+        ("release_tolerance", "f8"),
+        ("confirm_us", "i8"),
+        ("min_wheel_speed", "f8"),
+        ("phase_source", "i8", (2,)),
+        ("closed_above", "f8", (2,)),  # positions and commands, in the direction of closing
+        ("open_below", "f8", (2,)),
+        ("closing_sign", "f8", (2,)),
+        ("slip_locked", "f8"),
+        ("slip_released", "f8"),
+        ("lock_time_us", "i8"),
+        ("heats", "u1", (2,)),  # the vehicle file has the clutch's thermal data
+        ("heat_capacity", "f8", (2,)),  # J/K
+        ("cooling", "f8", (2,)),  # W/K
+        ("coolant", "f8", (2,)),  # °C
+    ],
+    align=True,
+)
+"""What the loop must know besides the estimator."""
+
+CORE = np.dtype(
+    [
+        ("arrived_us", "i8"),  # time of the latest frame; NEVER before the first
+        ("frame_ok", "u1"),  # the frame at hand has a usable sample
+        ("gear_candidate", "i8", (2,)),
+        ("candidate_us", "i8", (2,)),
+        ("slip_small_us", "i8", (2,)),  # since when the slip is small
+        ("implausible_us", "i8"),  # since when shaft and wheel speed disagree, NEVER if they agree
+        ("estimate_us", "i8"),
+        ("health_us", "i8"),
+        ("status", "u4"),  # of the last estimate
+    ],
+    align=True,
+)
+"""State of the loop, apart from inputs and estimator."""
+
+
+def rules(settings: Settings) -> NDArray[np.void]:
+    """Return the `RULES` record ``[1]``."""
+    record = np.zeros(1, RULES)
+    r = record[0]
+    r["minimum"][:], r["maximum"][:] = -WIDEST, WIDEST
+    for item in settings.inputs:
+        r["minimum"][item.quantity] = max(item.minimum, -WIDEST)
+        r["maximum"][item.quantity] = min(item.maximum, WIDEST)
+        r["timeout_us"][item.quantity] = item.timeout_us + item.delay_us  # counted from when it was taken
+    r["longest_delay_us"] = max((item.delay_us for item in settings.inputs), default=0)
+    r["estimate_period_us"] = settings.estimate_period_us
+    r["health_period_us"] = settings.health_period_us
+    r["max_gap_us"] = settings.max_gap_us
+    r["max_step_back_us"] = settings.max_step_back_us
+    for gear in settings.vehicle.gears:
+        r["ratio"][gear.number + 1], r["shaft"][gear.number + 1] = gear.total_ratio, gear.shaft
+    inference, phases = settings.gear_inference, settings.phases
+    r["min_wheel_speed"] = PLAUSIBLE_WHEEL_SPEED
+    if inference is not None:
+        r["engage_tolerance"] = inference.engage_tolerance
+        r["release_tolerance"] = inference.release_tolerance
+        r["confirm_us"] = inference.confirm_us
+        r["min_wheel_speed"] = inference.min_wheel_speed_rad_s
+    for i, clutch in enumerate(phases.clutches):
+        r["phase_source"][i] = clutch.source
+        r["closing_sign"][i], r["closed_above"][i], r["open_below"][i] = closing_band(clutch)
+    r["slip_locked"] = phases.slip_locked_rad_s
+    r["slip_released"] = phases.slip_released_rad_s
+    r["lock_time_us"] = phases.lock_time_us
+    for i, thermal in enumerate(clutch.thermal for clutch in settings.vehicle.clutches):
+        if thermal is not None:
+            r["heats"][i] = True
+            r["heat_capacity"][i] = thermal.heat_capacity_j_per_k
+            r["cooling"][i] = thermal.cooling_w_per_k
+            r["coolant"][i] = thermal.coolant_c
+    return record
+
+
+def first_inputs(settings: Settings, inputs: NDArray[np.void]) -> None:
+    """Make ``inputs``, a `contract.INPUTS` ``[1]`` of zeros, what it is before the first frame."""
+    r = inputs[0]
+    for item in settings.inputs:
+        r["mapped"][item.quantity] = True
+        r["delay_us"][item.quantity] = item.delay_us
+    r["driven_axle"], r["step_us"] = settings.driven_axle, settings.step_us
+    r["infer_gears"] = settings.gear_inference is not None
+    limits = [CAPACITY_MARGIN * clutch.static_capacity_nm for clutch in settings.vehicle.clutches]
+    r["torque_limit"] = limits
+    r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
+    inputs["t_us"] = inputs["seen_us"] = NEVER
+    inputs["closed"] = inputs["fits"] = True
+
+
+def first_core(core: NDArray[np.void]) -> None:
+    """Make ``core``, a `CORE` ``[1]`` of zeros, what it is before the first frame."""
+    for name in ("arrived_us", "candidate_us", "slip_small_us", "implausible_us", "estimate_us", "health_us"):
+        core[name] = NEVER
