@@ -16,7 +16,7 @@ from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import Config
 from dctorque_can.estimators.kalman import noise as kalman_noise
 from dctorque_can.estimators.kalman import tape
-from dctorque_can.estimators.kalman.model import GAIN, N, Tables
+from dctorque_can.estimators.kalman.model import GAIN, N, Tables, process_covariance
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.frames import Frames
 
@@ -39,11 +39,11 @@ def predict(
 
     ``per_error`` is that of `kalman.FILTER`, ``factors`` those of `kalman_noise.process_noise`.
     """
-    noises = (tables.noise_1, tables.noise_2, tables.noise_x, tables.noise_v, tables.noise_e)
-    Q = tables.noise[model, step] + sum(q * noise[model, step] for q, noise in zip(factors, noises, strict=True))
-    F = tables.phi[model, step].copy()
-    F[:, GAIN:] += np.outer(tables.input[model, step], per_error)
-    return F @ x + tables.input[model, step] * T_en, F @ P @ F.T + Q
+    of_step = tables.steps[model, step]
+    b, Q = of_step["input"], process_covariance(of_step, factors)
+    F = of_step["phi"].copy()
+    F[:, GAIN:] += np.outer(b, per_error)
+    return F @ x + b * T_en, F @ P @ F.T + Q
 
 
 def measure(x: Floats, P: Floats, i: int, z: float, variance: float) -> tuple[Floats, Floats]:

@@ -1,8 +1,7 @@
 """The Kalman estimator of both clutch torques, with their uncertainty.
 
 A frame first carries the state to its own time (`predict`), then what the gearbox is known to do enters
-(`gearbox`), then each of its speeds as one scalar measurement (`measure`), in Joseph's form. Speeds in
-rad/s, torques in N·m.
+(`gearbox`), then each of its speeds as one scalar measurement (`measure`). Speeds in rad/s, torques in N·m.
 """
 
 from __future__ import annotations
@@ -16,14 +15,17 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.parameters import GEARS, Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators.kalman import arithmetic, tape
 from dctorque_can.estimators.kalman import model as kalman_model
-from dctorque_can.estimators.kalman import tape
 from dctorque_can.estimators.kalman import tuning as kalman_tuning
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.engine import FIRST_NOISE, follow_torque
 from dctorque_can.estimators.kalman.learning import forget_noise
 from dctorque_can.estimators.kalman.model import (
+    CAR,
+    COUPLED,
     DT_E,
+    ENGINE,
     GAIN,
     LAG_1,
     LAG_2,
@@ -62,7 +64,12 @@ FILTER = np.dtype(
     [
         ("x", "f8", (N,)),
         ("P", "f8", (N, N)),
-        ("scratch", "f8", (N, N)),
+        # `arithmetic`; a product stands behind what it is made of, so that none needs a test for overlap
+        ("next", "f8", (N,)),  # x of the step that is being made
+        ("Q_engine", "f8", (len(ENGINE) * COUPLED,)),
+        ("Q_car", "f8", (len(CAR) * COUPLED,)),
+        ("PF", "f8", (N, COUPLED)),
+        ("FP", "f8", (COUPLED, N)),
         ("h", "f8", (N,)),
         ("K", "f8", (N,)),
         ("along", "f8", (N,)),
@@ -219,83 +226,22 @@ def predict(
 
 
 @compiled_without_allocation
-def _advance(
-    f: Any, tables: Tables, model: int, step: int, q: tuple[float, float, float, float, float], T_en: float
-) -> None:
-    """x ← F x + b T_en, P ← F P Fᵀ + Q; q of `process_noise`.
-
-    To F belongs what errors of T_en do to the state: b times ``f.per_error`` in the columns of their states.
-    """
+def _advance(f: Any, tables: Tables, model: int, step: int, q: arithmetic.Noises, T_en: float) -> None:
+    """Carry state and covariance one step on, with q of `process_noise`."""
     tape.predicted(f, model, step)
-    for m in range(3):
-        T_en += f.per_error[m] * f.x[GAIN + m]
-    sum_errors(f)
-    phi, per_s = tables.phi, 1e6 / _STEPS[step]
+    arithmetic.carry_on(f, tables.steps[model, step], T_en, q)
+    per_s = 1e6 / _STEPS[step]
     for i in range(N):
-        value = tables.input[model, step, i] * T_en
-        for j in range(N):
-            f.scratch[i, j] = 0.0
-        for k in range(N):
-            factor = phi[model, step, i, k]
-            if factor != 0.0:  # F is sparse; along a row a vector unit does several places at once
-                value += factor * f.x[k]
-                for j in range(N):
-                    f.scratch[i, j] += factor * f.P[k, j]
-        for j in range(N):
-            f.scratch[i, j] += tables.input[model, step, i] * f.along[j]
-        f.h[i] = value
-    for i in range(N):
-        f.rate[i] = (f.h[i] - f.x[i]) * per_s
-        f.x[i] = f.h[i]
-        for j in range(N):
-            f.P[j, i] = f.scratch[i, j]  # P Fᵀ
-    sum_errors(f)
-    for i in range(N):
-        for j in range(i + 1):
-            total = tables.noise[model, step, i, j]
-            total += q[0] * tables.noise_1[model, step, i, j] + q[1] * tables.noise_2[model, step, i, j]
-            total += q[2] * tables.noise_x[model, step, i, j] + q[3] * tables.noise_v[model, step, i, j]
-            f.scratch[i, j] = total + q[4] * tables.noise_e[model, step, i, j]
-        for k in range(N):
-            factor = phi[model, step, i, k]
-            if factor != 0.0:
-                for j in range(i + 1):
-                    f.scratch[i, j] += factor * f.P[k, j]
-        for j in range(i + 1):
-            f.scratch[i, j] += tables.input[model, step, i] * f.along[j]
-    for i in range(N):
-        for j in range(i + 1):
-            f.P[i, j] = f.P[j, i] = f.scratch[i, j]
-
-
-@compiled_without_allocation
-def sum_errors(f: Any) -> None:
-    """Sum the rows of P that belong to errors of the nominal engine torque by what they add to it now."""
-    for j in range(N):
-        f.along[j] = 0.0
-        for m in range(3):
-            f.along[j] += f.per_error[m] * f.P[GAIN + m, j]
+        f.rate[i] = (f.next[i] - f.x[i]) * per_s
+        f.x[i] = f.next[i]
 
 
 @compiled_without_allocation
 def measure(f: Any, i: int, z: float, variance: float) -> None:
-    """Take one measurement z of x_i; Joseph's form."""
-    for k in range(N):
-        f.h[k] = f.P[k, i]
-    S = f.h[i] + variance
+    """Take one measurement z of x_i."""
     e = z - f.x[i]
-    for k in range(N):
-        f.K[k] = f.h[k] / S
-        f.x[k] += f.K[k] * e
+    S = arithmetic.take_measurement(f, i, e, variance)
     tape.measured(f, i, S, e)
-    for k in range(N):
-        for m in range(N):
-            f.scratch[k, m] = f.P[k, m] - f.K[k] * f.h[m]
-    for k in range(N):
-        rest = f.scratch[k, i] - variance * f.K[k]
-        for m in range(k + 1):
-            f.P[k, m] = f.scratch[k, m] - rest * f.K[m]
-            f.P[m, k] = f.P[k, m]
 
 
 @compiled_without_allocation

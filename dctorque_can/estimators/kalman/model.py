@@ -21,6 +21,7 @@ SI units: rad/s, rad, N·m, kg·m².
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntEnum
 from itertools import product
 from typing import NamedTuple
@@ -81,32 +82,47 @@ _SLACK_RATE = 50.0  # 1/s, at which the twist of a shaft in neutral is forgotten
 _LEAST_INERTIA = 1e-4  # kg·m²; a lighter output shaft has no dynamics that any sensor sees
 
 
+ENGINE = (W_E, W_D, TH_D)
+"""States of the engine's side of the clutches."""
+
+CAR = (W_C1, W_C2, W_O, W_W, W_B, TH_T1, TH_T2, TH_O, T_X)
+"""States of the gearbox's and the car's side."""
+
+COUPLED = T_X + 1
+"""Number of these: they come first."""
+
+_OF_ENGINE = 0, 1, 2, 5  # which noises of `tables` act on them, and
+_OF_CAR = 0, 1, 2, 3, 4
+_OF_REST = 1, 2, 1, 2, 4, 5  # which one on T_C1, T_C2, R_1, R_2, T_V and DT_E
+
+STEP = np.dtype(
+    [
+        ("phi", "f8", (N, N)),  # F
+        ("input", "f8", (N,)),  # response to T_en
+        # rows of Q, columns of `COUPLED` states: of what always acts, the rates of T_c1 and T_c2, ΔT_e
+        ("noise_engine", "f8", (len(_OF_ENGINE), len(ENGINE) * COUPLED)),
+        # … of what always acts, the rates of T_c1 and T_c2, T_x, T_v
+        ("noise_car", "f8", (len(_OF_CAR), len(CAR) * COUPLED)),
+        ("noise_rest", "f8", (len(_OF_REST), N)),  # T_C1, T_C2, R_1, R_2, T_V, DT_E: each of its own noise
+        ("noise_lasting", "f8", (3,)),  # variances of GAIN, LAG_1, LAG_2
+    ],
+    align=True,
+)
+"""One step of one model. All but the first noise are per unit of their factor of `kalman_noise.process_noise`."""
+
+
 class Tables(NamedTuple):
     """The discrete model of each pair of gears (0 neutral), loss direction and step.
 
     Attributes:
         row: int64 ``[gears, gears]`` by gear number + 1 on shaft 1 and 2: first row of the pair; −1: no such pair.
             Row + 2·(shaft 1 drives) + (shaft 2 drives) is the model.
-        phi: F ``[rows, steps, N, N]``.
-        input: response to T_en ``[rows, steps, N]``.
-        noise: Q ``[rows, steps, N, N]`` of everything but the next five.
-        noise_1: … of the rate of T_c1, per unit variance of the rate.
-        noise_2: … of the rate of T_c2.
-        noise_x: … of T_x, per unit intensity.
-        noise_v: … of T_v, per unit intensity.
-        noise_e: … of ΔT_e, per unit variance.
+        steps: `STEP` ``[rows, steps]``.
         output: T_o as a combination of the states ``[N]``.
     """
 
     row: NDArray[np.int64]
-    phi: Floats
-    input: Floats
-    noise: Floats
-    noise_1: Floats
-    noise_2: Floats
-    noise_x: Floats
-    noise_v: Floats
-    noise_e: Floats
+    steps: NDArray[np.void]
     output: Floats
 
 
@@ -274,8 +290,26 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
     intensity[1, R_1, R_1] = intensity[2, R_2, R_2] = 2.0 / design.torque_rate_time_s
     intensity[3, T_X, T_X] = intensity[4, T_V, T_V] = 1.0
     intensity[5, DT_E, DT_E] = 2.0 / design.engine_torque_error_time_s
-    phi, response = np.zeros((len(A), len(STEPS_US), N, N)), np.zeros((len(A), len(STEPS_US), N))
-    noise = np.zeros((6, *phi.shape))
+    steps = np.zeros((len(A), len(STEPS_US)), STEP)
     for step, (F, b, Q) in enumerate(discrete(A, B, intensity)):
-        phi[:, step], response[:, step], noise[:, :, step] = F, b, Q
-    return Tables(row, phi, response, noise[0], noise[1], noise[2], noise[3], noise[4], noise[5], T_o)
+        at = steps[:, step]
+        at["phi"], at["input"] = F, b
+        for n, k in enumerate(_OF_ENGINE):
+            at["noise_engine"][:, n] = Q[k][:, ENGINE, :COUPLED].reshape(-1, len(ENGINE) * COUPLED)
+        for n, k in enumerate(_OF_CAR):
+            at["noise_car"][:, n] = Q[k][:, CAR, :COUPLED].reshape(-1, len(CAR) * COUPLED)
+        for n, k in enumerate(_OF_REST):
+            at["noise_rest"][:, n] = Q[k][:, COUPLED + n]
+        at["noise_lasting"] = np.diagonal(Q[0], axis1=1, axis2=2)[:, GAIN:]
+    return Tables(row, steps, T_o)
+
+
+def process_covariance(step: np.void, factors: Sequence[float]) -> Floats:
+    """Return Q ``[N, N]`` of a `STEP`, with the five ``factors`` of `kalman_noise.process_noise`."""
+    q, Q = np.array([1.0, *factors]), np.zeros((N, N))
+    Q[ENGINE, :COUPLED] = (q[list(_OF_ENGINE)] @ step["noise_engine"]).reshape(len(ENGINE), COUPLED)
+    Q[CAR, :COUPLED] = (q[list(_OF_CAR)] @ step["noise_car"]).reshape(len(CAR), COUPLED)
+    Q[COUPLED:GAIN] = q[list(_OF_REST), None] * step["noise_rest"]
+    Q[:COUPLED, COUPLED:] = Q[COUPLED:, :COUPLED].T
+    Q[range(GAIN, N), range(GAIN, N)] = step["noise_lasting"]
+    return Q

@@ -110,21 +110,22 @@ def undo_measurement(tape: Any, a: Any, n: int) -> None:
 @compiled_without_allocation
 def undo_prediction(tape: Any, a: Any, tables: Tables, n: int) -> None:
     """Λ ← Fᵀ Λ F, λ ← Fᵀ λ; to F belong the columns of the errors of the engine torque (`kalman.FILTER`)."""
-    phi, model, step = tables.phi, tape.which[n, 0], tape.which[n, 1]
+    step = tables.steps[tape.which[n, 0], tape.which[n, 1]]
+    phi = step.phi
     for i in range(N):
         a.v[i] = 0.0
         for j in range(N):
             a.scratch[i, j] = 0.0
     for k in range(N):
         for i in range(N):
-            a.v[i] += phi[model, step, k, i] * a.lam[k]
-            factor = phi[model, step, i, k]  # F is sparse
+            a.v[i] += phi[k, i] * a.lam[k]
+            factor = phi[i, k]  # F is sparse
             if factor != 0.0:
                 for j in range(N):
                     a.scratch[k, j] += a.Lam[i, j] * factor  # Fᵀ Λ
     for m in range(3):
         for i in range(N):
-            factor = tables.input[model, step, i] * tape.per_error[n, m]
+            factor = step.input[i] * tape.per_error[n, m]
             a.v[GAIN + m] += factor * a.lam[i]
             for j in range(N):
                 a.scratch[GAIN + m, j] += a.Lam[i, j] * factor
@@ -135,9 +136,9 @@ def undo_prediction(tape: Any, a: Any, tables: Tables, n: int) -> None:
             a.v[j] = 0.0
         for k in range(N):
             for j in range(N):
-                a.v[j] += a.scratch[i, k] * phi[model, step, k, j]
+                a.v[j] += a.scratch[i, k] * phi[k, j]
             for m in range(3):
-                a.v[GAIN + m] += a.scratch[i, k] * tables.input[model, step, k] * tape.per_error[n, m]
+                a.v[GAIN + m] += a.scratch[i, k] * step.input[k] * tape.per_error[n, m]
         for j in range(i + 1):
             a.Lam[i, j] = a.Lam[j, i] = a.v[j]
 

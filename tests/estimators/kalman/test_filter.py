@@ -11,7 +11,7 @@ from dctorque_can.estimators.kalman import engine, faults, gearbox
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman import noise as kalman_noise
 from dctorque_can.estimators.kalman.faults import SensorFault
-from dctorque_can.estimators.kalman.model import STEPS_US, N, State
+from dctorque_can.estimators.kalman.model import STEPS_US, N, State, process_covariance
 from dctorque_can.estimators.kalman.tuning import tuning as tuning_of
 from dctorque_can.resources import shipped_config
 
@@ -56,10 +56,8 @@ def as_the_filter_has_them(k, seconds):
 
 def model(k, step, noises):
     """F, b and Q of one step in first and second gear."""
-    t, row = k.tables, k.tables.row[2, 3] + 3
-    each = (t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e)
-    Q = t.noise[row, step] + sum(q * of_one[row, step] for q, of_one in zip(noises, each, strict=True))
-    return t.phi[row, step], t.input[row, step], Q
+    of_step = k.tables.steps[k.tables.row[2, 3] + 3, step]
+    return of_step["phi"], of_step["input"], process_covariance(of_step, noises)
 
 
 def with_errors(F, b, lagged, step):

@@ -139,17 +139,36 @@ HALVES = [
 def test_two_steps_are_one_of_twice_the_length(car):
     """F(2h) = F(h)², Q(2h) = F(h) Q(h) F(h)ᵀ + Q(h) and b(2h) = F(h) b(h) + b(h) for each pair and direction."""
     t = model.tables(CARS[car].vehicle, CARS[car].kalman, 20)
-    for k in range(len(t.phi)):
+    for of_model in t.steps:
         for step, half in HALVES:
-            F = t.phi[k, half]
-            np.testing.assert_allclose(t.phi[k, step], F @ F, atol=1e-9 * np.abs(F).max() ** 2)
-            b = t.input[k, half]
-            np.testing.assert_allclose(t.input[k, step], F @ b + b, rtol=1e-9, atol=1e-12)
-            for noise in (t.noise, t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e):
-                Q = noise[k, half]
-                np.testing.assert_allclose(
-                    noise[k, step], F @ Q @ F.T + Q, rtol=1e-7, atol=1e-9 * np.abs(noise[k, step]).max()
-                )
+            F = of_model[half]["phi"]
+            np.testing.assert_allclose(of_model[step]["phi"], F @ F, atol=1e-9 * np.abs(F).max() ** 2)
+            b = of_model[half]["input"]
+            np.testing.assert_allclose(of_model[step]["input"], F @ b + b, rtol=1e-9, atol=1e-12)
+            for factors in (np.zeros(5), *1e6 * np.eye(5)):
+                Q = model.process_covariance(of_model[half], factors)
+                whole = model.process_covariance(of_model[step], factors)
+                np.testing.assert_allclose(whole, F @ Q @ F.T + Q, rtol=1e-7, atol=1e-9 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("car", list(CARS))
+def test_the_tables_leave_nothing_out_of_the_process_noise(car):
+    """What they keep of Q, by what can be other than zero, is all of it: as `discrete` gives it for one model."""
+    vehicle, design = CARS[car].vehicle, CARS[car].kalman
+    t = model.tables(vehicle, design, 20)
+    gears = [vehicle.gears_on(i)[0].number for i in (1, 2)]
+    A, _ = model.continuous(vehicle, design, *gears, (True, True))
+    places = (State.R_1, State.R_2, State.T_X, State.T_V, State.DT_E)
+    per_s = (2.0 / design.torque_rate_time_s,) * 2 + (1.0, 1.0, 2.0 / design.engine_torque_error_time_s)
+    intensity = np.zeros((6, N, N))
+    intensity[0] = model.intensities(design)
+    for n, (place, value) in enumerate(zip(places, per_s, strict=True)):
+        intensity[1 + n, place, place] = value
+    factors = np.array([9e6, 4e4, 400.0, 3600.0, 25.0])
+    found = t.steps[t.row[gears[0] + 1, gears[1] + 1] + 3]
+    for of_step, (_, _, noises) in zip(found, model.discrete(A, np.zeros(N), intensity), strict=True):
+        Q = noises[0] + np.tensordot(factors, noises[1:], 1)
+        np.testing.assert_allclose(model.process_covariance(of_step, factors), Q, rtol=1e-12)
 
 
 def test_tables_hold_every_pair_and_nothing_else():

@@ -17,7 +17,7 @@ from dctorque_can.config.load import load_config
 from dctorque_can.estimators.kalman import engine, faults, gearbox, smoother, tape
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman import noise as kalman_noise
-from dctorque_can.estimators.kalman.model import STEPS_US, N, State
+from dctorque_can.estimators.kalman.model import STEPS_US, N, State, process_covariance
 from dctorque_can.estimators.kalman.tuning import tuning as tuning_of
 from dctorque_can.resources import shipped_config
 
@@ -51,10 +51,9 @@ def model(k, step, phases=(SLIPPING, LOCKED)):
     f, t, tuning = k.state.copy()[0], k.tables, k.tuning[0]
     row = t.row[f["gear"][0] + 1, f["gear"][1] + 1] + 2 * int(f["drives"][0]) + int(f["drives"][1])
     kalman_noise.decide_rates(f, tuning, *phases, STEPS_US[step] * 1e-6)
-    noises = (t.noise_1, t.noise_2, t.noise_x, t.noise_v, t.noise_e)
-    factors = kalman_noise.process_noise(f, tuning, *phases)
-    Q = t.noise[row, step] + sum(q * noise[row, step] for q, noise in zip(factors, noises, strict=True))
-    F, b = t.phi[row, step].copy(), t.input[row, step]
+    of_step = t.steps[row, step]
+    Q = process_covariance(of_step, kalman_noise.process_noise(f, tuning, *phases))
+    F, b = of_step["phi"].copy(), of_step["input"]
     engine.follow_torque(f, tuning, STEPS_US[step] * 1e-6)
     F[:, S.GAIN :] += np.outer(b, f["per_error"])
     return F, b, Q

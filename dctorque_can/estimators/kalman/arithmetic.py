@@ -1,0 +1,258 @@
+"""The matrix arithmetic of the Kalman filter: one prediction and one scalar measurement.
+
+The clutch torques are states, and they cut the driveline in two: engine and damper depend on one another, gearbox
+and car likewise, and all else decays on its own or is the integral of something that does. So the rows of F are,
+with the errors of the nominal engine torque among the columns of the first ones,
+
+    W_E, W_D, TH_D                 of W_E, W_D, TH_D, both clutch torques and rates, DT_E, GAIN, LAG_1, LAG_2
+    W_C1 … W_B, TH_T1 … T_X        of one another (W_B of itself alone), both clutch torques and rates, T_V
+    T_C1, T_C2                     of themselves and their rates
+    all others                     of themselves
+
+Each row of a product is written as the sum that it is: a vector unit then does several places of the row at once,
+with the sum in a register. Every place is summed in the order in which it is written here, whatever that unit is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.estimators.kalman.model import (
+    CAR,
+    COUPLED,
+    DT_E,
+    ENGINE,
+    GAIN,
+    LAG_1,
+    LAG_2,
+    R_1,
+    R_2,
+    T_C1,
+    T_C2,
+    T_V,
+    T_X,
+    TH_D,
+    TH_O,
+    TH_T1,
+    TH_T2,
+    W_B,
+    W_C1,
+    W_C2,
+    W_D,
+    W_E,
+    W_O,
+    W_W,
+    N,
+)
+
+Noises = tuple[float, float, float, float, float]
+"""Factors of `kalman_noise.process_noise`."""
+
+_ENGINE, _CAR = np.array(ENGINE, np.uint8), np.array(CAR, np.uint8)
+_DRIVEN = np.array([0, 1, 0, 1, 3, 4], np.uint8)  # which factor the noise of T_C1 … DT_E has
+_AT_ONCE = 3  # rows of the covariance in a measurement; divides N
+
+
+@compiled_without_allocation
+def carry_on(f: Any, step: Any, T_en: float, q: Noises) -> None:
+    """f.next ← F x + b T_en, P ← F P Fᵀ + Q.
+
+    To F belongs what errors of T_en do to the state: b times ``f.per_error`` in the columns of their states.
+
+    Args:
+        f: `kalman.FILTER`.
+        step: `kalman_model.STEP` of the model.
+        T_en: nominal engine torque, N·m.
+        q: factors of the noises, of `kalman_noise.process_noise`.
+    """
+    e_0, e_1, e_2 = f.per_error[0], f.per_error[1], f.per_error[2]
+    T_en += e_0 * f.x[GAIN] + e_1 * f.x[LAG_1] + e_2 * f.x[LAG_2]
+    for j in range(N):
+        f.along[j] = e_0 * f.P[GAIN, j] + e_1 * f.P[LAG_1, j] + e_2 * f.P[LAG_2, j]
+    multiply_engine(f, step, T_en)
+    multiply_car(f, step)
+    for k in range(N):
+        for i in range(COUPLED):
+            f.PF[k, i] = f.FP[i, k]
+    sum_noise(f, step, q)
+    multiply_car_again(f, step)
+    multiply_engine_again(f, step)
+    multiply_rest(f, step, q)
+    mirror(f)
+
+
+@compiled_without_allocation
+def multiply_engine(f: Any, step: Any, T_en: float) -> None:
+    """The engine's rows of F x + b T_en and of F P."""
+    F, x, P, FP, along = step.phi, f.x, f.P, f.FP, f.along
+    for n in range(len(_ENGINE)):
+        i = _ENGINE[n]
+        a_0, a_1, a_2 = F[i, W_E], F[i, W_D], F[i, TH_D]
+        a_3, a_4 = F[i, T_C1], F[i, T_C2]
+        a_5, a_6 = F[i, R_1], F[i, R_2]
+        a_7, b = F[i, DT_E], step.input[i]
+        value = a_0 * x[W_E] + a_1 * x[W_D] + a_2 * x[TH_D] + a_3 * x[T_C1] + a_4 * x[T_C2]
+        f.next[i] = value + a_5 * x[R_1] + a_6 * x[R_2] + a_7 * x[DT_E] + b * T_en
+        for j in range(N):
+            total = a_0 * P[W_E, j] + a_1 * P[W_D, j] + a_2 * P[TH_D, j] + a_3 * P[T_C1, j] + a_4 * P[T_C2, j]
+            FP[i, j] = total + a_5 * P[R_1, j] + a_6 * P[R_2, j] + a_7 * P[DT_E, j] + b * along[j]
+
+
+@compiled_without_allocation
+def multiply_car(f: Any, step: Any) -> None:
+    """The gearbox's and the car's rows of F x and of F P."""
+    F, x, P, FP = step.phi, f.x, f.P, f.FP
+    for n in range(len(_CAR)):
+        i = _CAR[n]
+        a_0, a_1, a_2 = F[i, W_C1], F[i, W_C2], F[i, W_O]
+        a_3, a_4, a_5 = F[i, W_W], F[i, TH_T1], F[i, TH_T2]
+        a_6, a_7 = F[i, TH_O], F[i, T_X]
+        a_8, a_9 = F[i, T_C1], F[i, T_C2]
+        a_10, a_11, a_12 = F[i, R_1], F[i, R_2], F[i, T_V]
+        value = a_0 * x[W_C1] + a_1 * x[W_C2] + a_2 * x[W_O] + a_3 * x[W_W] + a_4 * x[TH_T1] + a_5 * x[TH_T2]
+        value += a_6 * x[TH_O] + a_7 * x[T_X] + a_8 * x[T_C1] + a_9 * x[T_C2]
+        f.next[i] = value + a_10 * x[R_1] + a_11 * x[R_2] + a_12 * x[T_V]
+        for j in range(N):
+            total = a_0 * P[W_C1, j] + a_1 * P[W_C2, j] + a_2 * P[W_O, j] + a_3 * P[W_W, j] + a_4 * P[TH_T1, j]
+            total += a_5 * P[TH_T2, j] + a_6 * P[TH_O, j] + a_7 * P[T_X, j] + a_8 * P[T_C1, j]
+            FP[i, j] = total + a_9 * P[T_C2, j] + a_10 * P[R_1, j] + a_11 * P[R_2, j] + a_12 * P[T_V, j]
+    own = F[W_B, W_B]
+    f.next[W_B] += own * x[W_B]
+    for j in range(N):
+        FP[W_B, j] += own * P[W_B, j]
+
+
+@compiled_without_allocation
+def multiply_engine_again(f: Any, step: Any) -> None:
+    """The engine's rows of F (P Fᵀ) + Q, in the columns of `COUPLED` states."""
+    F, FP, PF, Q = step.phi, f.FP, f.PF, f.Q_engine
+    for n in range(len(_ENGINE)):
+        i = _ENGINE[n]
+        a_0, a_1, a_2 = F[i, W_E], F[i, W_D], F[i, TH_D]
+        a_3, a_4 = F[i, T_C1], F[i, T_C2]
+        a_5, a_6, a_7 = F[i, R_1], F[i, R_2], F[i, DT_E]
+        b = step.input[i]
+        a_8, a_9, a_10 = b * f.per_error[0], b * f.per_error[1], b * f.per_error[2]
+        for j in range(COUPLED):
+            total = Q[n * COUPLED + j] + a_0 * PF[W_E, j] + a_1 * PF[W_D, j] + a_2 * PF[TH_D, j]
+            total += (
+                a_3 * PF[T_C1, j] + a_4 * PF[T_C2, j] + a_5 * PF[R_1, j] + a_6 * PF[R_2, j] + a_7 * PF[DT_E, j]
+            )
+            FP[i, j] = total + a_8 * PF[GAIN, j] + a_9 * PF[LAG_1, j] + a_10 * PF[LAG_2, j]
+
+
+@compiled_without_allocation
+def multiply_car_again(f: Any, step: Any) -> None:
+    """The gearbox's and the car's rows of F (P Fᵀ) + Q, in the columns of `COUPLED` states."""
+    F, FP, PF, Q = step.phi, f.FP, f.PF, f.Q_car
+    for n in range(len(_CAR)):
+        i = _CAR[n]
+        a_0, a_1, a_2 = F[i, W_C1], F[i, W_C2], F[i, W_O]
+        a_3, a_4, a_5 = F[i, W_W], F[i, TH_T1], F[i, TH_T2]
+        a_6, a_7 = F[i, TH_O], F[i, T_X]
+        a_8, a_9 = F[i, T_C1], F[i, T_C2]
+        a_10, a_11, a_12 = F[i, R_1], F[i, R_2], F[i, T_V]
+        for j in range(COUPLED):
+            total = Q[n * COUPLED + j] + a_0 * PF[W_C1, j] + a_1 * PF[W_C2, j] + a_2 * PF[W_O, j]
+            total += (
+                a_3 * PF[W_W, j] + a_4 * PF[TH_T1, j] + a_5 * PF[TH_T2, j] + a_6 * PF[TH_O, j] + a_7 * PF[T_X, j]
+            )
+            total += a_8 * PF[T_C1, j] + a_9 * PF[T_C2, j] + a_10 * PF[R_1, j] + a_11 * PF[R_2, j]
+            FP[i, j] = total + a_12 * PF[T_V, j]
+    own = F[W_B, W_B]
+    for j in range(COUPLED):
+        FP[W_B, j] += own * PF[W_B, j]
+
+
+@compiled_without_allocation
+def multiply_rest(f: Any, step: Any, q: Noises) -> None:
+    """All other rows of F x and F P Fᵀ + Q, up to the diagonal: the clutch torques, their rates, and decays."""
+    F, x, P, PF, noise = step.phi, f.x, f.P, f.PF, step.noise_rest
+    t_1, r_1 = F[T_C1, T_C1], F[T_C1, R_1]
+    t_2, r_2 = F[T_C2, T_C2], F[T_C2, R_2]
+    f.next[T_C1], f.next[T_C2] = t_1 * x[T_C1] + r_1 * x[R_1], t_2 * x[T_C2] + r_2 * x[R_2]
+    for j in range(COUPLED):
+        P[T_C1, j] = t_1 * PF[T_C1, j] + r_1 * PF[R_1, j]
+        P[T_C2, j] = t_2 * PF[T_C2, j] + r_2 * PF[R_2, j]
+    both = t_1 * P[T_C2, T_C1] + r_1 * P[T_C2, R_1], t_1 * P[R_2, T_C1] + r_1 * P[R_2, R_1]
+    P[T_C2, T_C1] = t_2 * both[0] + r_2 * both[1]
+    P[T_C1, T_C1] = t_1 * t_1 * P[T_C1, T_C1] + 2.0 * t_1 * r_1 * P[R_1, T_C1] + r_1 * r_1 * P[R_1, R_1]
+    P[T_C2, T_C2] = t_2 * t_2 * P[T_C2, T_C2] + 2.0 * t_2 * r_2 * P[R_2, T_C2] + r_2 * r_2 * P[R_2, R_2]
+    for i in range(R_1, N):
+        own = F[i, i]
+        f.next[i] = own * x[i]
+        for j in range(COUPLED):
+            P[i, j] = own * PF[i, j]
+        P[i, T_C1] = own * (t_1 * P[i, T_C1] + r_1 * P[i, R_1])
+        P[i, T_C2] = own * (t_2 * P[i, T_C2] + r_2 * P[i, R_2])
+        for j in range(R_1, i + 1):
+            P[i, j] *= own * F[j, j]
+    for n in range(len(_DRIVEN)):
+        i, factor = COUPLED + n, q[_DRIVEN[n]]
+        for j in range(i + 1):
+            P[i, j] += factor * noise[n, j]
+    for n in range(3):
+        P[GAIN + n, GAIN + n] += step.noise_lasting[n]
+
+
+@compiled_without_allocation
+def sum_noise(f: Any, step: Any, q: Noises) -> None:
+    """Q of the engine's and of the car's side."""
+    engine, car = step.noise_engine, step.noise_car
+    for n in range(len(_ENGINE) * COUPLED):
+        total = engine[0, n] + q[0] * engine[1, n] + q[1] * engine[2, n]
+        f.Q_engine[n] = total + q[4] * engine[3, n]
+    for n in range(len(_CAR) * COUPLED):
+        total = car[0, n] + q[0] * car[1, n] + q[1] * car[2, n]
+        f.Q_car[n] = total + q[2] * car[3, n] + q[3] * car[4, n]
+
+
+@compiled_without_allocation
+def mirror(f: Any) -> None:
+    """Make P of its lower triangle."""
+    P, FP = f.P, f.FP
+    for i in range(COUPLED):
+        for j in range(i + 1):
+            P[i, j] = P[j, i] = FP[i, j]
+    for i in range(COUPLED, N):
+        for j in range(i):
+            P[j, i] = P[i, j]
+
+
+@compiled_without_allocation
+def take_measurement(f: Any, i: int, e: float, variance: float) -> float:
+    """Take a scalar measurement of x_i; return the variance of its innovation.
+
+    With the optimal gain K = P e_i / S Joseph's form is P − (P e_i) (P e_i)ᵀ / S, here with √S on either side, so
+    that P stays symmetric to the last bit. Row and column i become R/S of what they were: no small difference of
+    large numbers, so that variance stays positive however sure the measurement is.
+
+    Args:
+        f: `kalman.FILTER`; ``f.K`` becomes the gain.
+        i: state.
+        e: innovation.
+        variance: R, of the measurement.
+    """
+    P, h = f.P, f.h
+    S = P[i, i] + variance
+    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), variance / S
+    for k in range(N):
+        along = P[i, k]
+        f.K[k] = along * inverse
+        f.x[k] += f.K[k] * e
+        h[k] = along * root
+        f.along[k] = along * rest
+    for k in range(0, N, _AT_ONCE):
+        h_0, h_1, h_2 = h[k], h[k + 1], h[k + 2]
+        for m in range(N):
+            h_m = h[m]
+            P[k, m] -= h_0 * h_m
+            P[k + 1, m] -= h_1 * h_m
+            P[k + 2, m] -= h_2 * h_m
+    for k in range(N):
+        P[k, i] = P[i, k] = f.along[k]
+    return float(S)

@@ -1,0 +1,97 @@
+"""A prediction, for every model and step, and a measurement against plain numpy; and what is left of many."""
+
+import numpy as np
+import pytest
+
+from dctorque_can.config.load import load_config
+from dctorque_can.estimators import kalman
+from dctorque_can.estimators.kalman import arithmetic
+from dctorque_can.estimators.kalman.model import GAIN, STEPS_US, N, State, process_covariance
+from dctorque_can.resources import shipped_config
+
+CARS = {car: load_config(shipped_config(car)).settings for car in ("paper_car", "avante_dct7")}
+SIZES = np.array([*7 * [0.5], *4 * [0.02], 300.0, 40.0, 40.0, 900.0, 900.0, 200.0, 8.0, 0.03, 0.04, 0.05])  # σ
+FACTORS = (9e6, 4e4, 400.0, 3600.0, 25.0)
+TORQUE = 80.0
+
+
+def new_filter(car):
+    return kalman.new(CARS[car].vehicle, CARS[car].kalman, 20)
+
+
+def fill(f, random, per_error=(60.0, -150.0, 40.0)):
+    """A state with all states correlated, and errors of the nominal engine torque."""
+    root = SIZES[:, None] * random.standard_normal((N, N))
+    f["x"][:], f["P"][:] = 100.0 * SIZES * random.standard_normal(N), root @ root.T
+    f["P"][:] = 0.5 * (f["P"] + f["P"].T)
+    f["per_error"][:] = per_error
+
+
+def assert_same(P, expected, tolerance=1e-12):
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(P / size, expected / size, rtol=0.0, atol=tolerance)
+    np.testing.assert_array_equal(P, P.T)
+
+
+@pytest.mark.parametrize("car", list(CARS))
+def test_a_prediction_is_that_of_plain_matrices(car):
+    """For each pair of gears, neutral among them, direction of losses and step."""
+    k, random = new_filter(car), np.random.default_rng(5)
+    f = k.state[0]
+    for of_model in k.tables.steps:
+        for step in of_model:
+            fill(f, random)
+            x, P = f["x"].copy(), f["P"].copy()
+            F, b = step["phi"].copy(), step["input"]
+            F[:, GAIN:] += np.outer(b, f["per_error"])
+            arithmetic.carry_on(f, step, TORQUE, FACTORS)
+            scale = np.abs(F) @ np.abs(x) + np.abs(b) * TORQUE
+            np.testing.assert_allclose(f["next"] / scale, (F @ x + b * TORQUE) / scale, rtol=0.0, atol=1e-13)
+            assert_same(f["P"], F @ P @ F.T + process_covariance(step, FACTORS))
+
+
+@pytest.mark.parametrize("i", list(State))
+@pytest.mark.parametrize("share", [1e-6, 1.0, 1e6], ids=["sure", "as the state", "vague"])
+def test_a_measurement_is_the_textbook_s_in_joseph_s_form(i, share):
+    k = new_filter("paper_car")
+    f = k.state[0]
+    fill(f, np.random.default_rng(6))
+    x, P = f["x"].copy(), f["P"].copy()
+    variance = share * P[i, i]
+    S = P[i, i] + variance
+    K = P[i] / S
+    rest = np.eye(N) - np.outer(K, np.eye(N)[i])
+    kalman.measure(f, i, x[i] + 2.0 * np.sqrt(S), variance)
+    np.testing.assert_allclose(f["x"], x + 2.0 * np.sqrt(S) * K, rtol=1e-12)
+    np.testing.assert_allclose(f["K"], K, rtol=1e-14)
+    expected = rest @ P @ rest.T + variance * np.outer(K, K)
+    size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
+    np.testing.assert_allclose(f["P"] / size, expected / size, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(f["P"], f["P"].T)
+    np.testing.assert_allclose(f["P"][i], P[i] * variance / S, rtol=1e-14)  # no small difference of large numbers
+
+
+@pytest.mark.parametrize(
+    ("noise", "variance"), [(1e-6, 1e-10), (1.0, 1e-4), (1e6, 1e-10), (1e6, 1e8), (1e-6, 1e8)]
+)
+def test_the_covariance_stays_one_however_extreme_the_noises_are(noise, variance):
+    """10 000 frames of gear pairs in turn: symmetric to the last bit, and positive within the arithmetic."""
+    k, random = new_filter("avante_dct7"), np.random.default_rng(7)
+    f = k.state[0]
+    fill(f, random)
+    models = random.integers(0, len(k.tables.steps), 10)
+    speeds = (State.W_E, State.W_C1, State.W_C2, State.W_W, State.W_B)
+    factors = tuple(noise * factor for factor in FACTORS)
+    for n in range(10_000):
+        step = k.tables.steps[models[n // 1000], n % len(STEPS_US)]
+        arithmetic.carry_on(f, step, TORQUE, factors)
+        f["x"][:] = f["next"]
+        kalman.measure(f, speeds[n % 5], f["x"][speeds[n % 5]], variance)
+        if n % 3 == 0:
+            kalman.measure(f, State.T_C1, 0.0, variance)
+            kalman.measure(f, State.R_1, 0.0, variance)
+        if n % 100 == 99:
+            np.testing.assert_array_equal(f["P"], f["P"].T)
+            sigma = np.sqrt(np.diag(f["P"]))
+            assert (sigma > 0.0).all()
+            assert np.linalg.eigvalsh(f["P"] / np.outer(sigma, sigma)).min() > -1e-9
