@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.estimators import kalman
 from dctorque_can.estimators.kalman import arithmetic
+from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.model import GAIN, STEPS_US, N, State, process_covariance
 from dctorque_can.resources import shipped_config
 
