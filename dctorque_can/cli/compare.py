@@ -25,8 +25,8 @@ from dctorque_can.cli.options import (
 
 if TYPE_CHECKING:
     from dctorque_can.config.load import Config
-    from dctorque_can.daemon.simulated_car import SimulatedDrive
     from dctorque_can.logs.reader import LogReader
+    from dctorque_can.offline.simulated_car import SimulatedDrive
 
 PLOT_FORMATS = (".png", ".svg", ".pdf")
 ONLY_SIMULATED = ("drive", "profile", "seed", "seeds", "duration")
@@ -82,14 +82,14 @@ def compare(
     more = _variants(variants or [])
     with activity("loading", show=STDERR.is_terminal), ExitStack() as stack:
         from dctorque_can.cli.compare_report import as_report, show
-        from dctorque_can.daemon.comparison import (
+        from dctorque_can.logs.reader import open_log
+        from dctorque_can.offline.comparison import (
             compare_bound,
             compare_variants,
             count_shifts,
             recorded_drive,
             variants_of,
         )
-        from dctorque_can.logs.reader import open_log
 
         readers = [stack.enter_context(open_log(path)) for path in logs or []]
         loaded = _config(readers, config, settings, {})
@@ -158,7 +158,7 @@ def _config(
 ) -> Config:
     """Load the named vehicle file, or that of the first log, or the paper's; ``more`` comes after ``settings``."""
     from dctorque_can.config.load import load_config
-    from dctorque_can.daemon.replay import config_of
+    from dctorque_can.offline.replay import config_of
     from dctorque_can.resources import find_config
 
     overrides = configuration.overrides(settings) | dict(more)
@@ -170,7 +170,7 @@ def _config(
 def _simulated(
     config: Config, drive: str, profile: str, seeds: range, duration_s: float | None
 ) -> list[SimulatedDrive]:
-    from dctorque_can.daemon.simulated_car import DriveName, ProfileName, simulate_car
+    from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 
     what = "simulating (the first run on a machine compiles for up to a minute)"
     if not STDERR.is_terminal:

@@ -15,7 +15,7 @@ from dctorque_can.cli.torque_table import WIDTH, by_torque, table
 
 if TYPE_CHECKING:
     from dctorque_can.analysis.comparison import Figures, TorqueFigures
-    from dctorque_can.daemon.comparison import VariantResult
+    from dctorque_can.offline.comparison import VariantResult
 
 _PARTS = {"all": "whole drive", "shifts": "shifts ± 100 ms"}
 

@@ -40,8 +40,8 @@ def demo(
     The frames go as fast as the service takes them. Estimates are compared with the truth over the whole drive.
     """
     with activity("loading", show=STDERR.is_terminal):
-        from dctorque_can.daemon.demo import Demo
-        from dctorque_can.daemon.simulated_car import DriveName, ProfileName, simulate_car
+        from dctorque_can.offline.demo import Demo
+        from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 
         settings = ["output.enabled=true", *(settings or [])]
         loaded = configuration.load(config, settings, "virtual", f"dctorque demo {time.monotonic_ns()}")
@@ -56,17 +56,22 @@ def demo(
     say(f"{len(simulated.frames)} frames of the {simulated.name} go over a virtual bus to the service")
     with progress_bar("estimating") as progress:
         result = show.run(simulated, progress)
+    plot = folder / "demo.png"
+    with activity("drawing", show=STDERR.is_terminal):
+        from dctorque_can.analysis.plot import drive_figure, save_figure
+
+        save_figure(drive_figure(result.estimates, simulated.truth, simulated.name), plot)
     if as_json:
-        print_json(result.as_json())
+        print_json(result.as_json() | {"plot": str(plot)})
         return
     STDOUT.print(errors_table(result.errors, f"{loaded.name}: {simulated.name}"))
     summary = result.summary
     STDOUT.print(
-        f"{summary.frames} frames in, {result.estimates} estimates, {result.heard} frames out, "
+        f"{summary.frames} frames in, {len(result.estimates)} estimates, {result.heard} frames out, "
         f"{summary.seconds:.1f} s for {simulated.seconds:.1f} s of driving"
     )
     STDOUT.print(f"log  {result.log}   (open it in Foxglove or PlotJuggler)", soft_wrap=True)
-    STDOUT.print(f"plot {result.plot}", soft_wrap=True)
+    STDOUT.print(f"plot {plot}", soft_wrap=True)
 
 
 def _tell(is_error: bool, text: str) -> None:

@@ -27,8 +27,8 @@ def recover(
     """
     from dataclasses import asdict
 
-    from dctorque_can.daemon.output_file import refuse_existing
     from dctorque_can.logs import recover as recovery
+    from dctorque_can.logs.output_file import refuse_existing
 
     out = output or log.with_suffix(".recovered.mcap")
     refuse_existing(out, [log], force)

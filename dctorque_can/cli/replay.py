@@ -65,10 +65,10 @@ def replay(
         raise typer.BadParameter(f"{output}: the result is an MCAP log; end its name in .mcap", param_hint="-o")
     with ExitStack() as stack:
         with activity("loading", show=STDERR.is_terminal):
-            from dctorque_can.daemon.output_file import refuse_existing
-            from dctorque_can.daemon.replay import ReplayContent, ReplayTargets, replay_logs
-            from dctorque_can.daemon.summary import doubts
+            from dctorque_can.analysis.health import doubts
+            from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
+            from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
 
         if output is not None:
             refuse_existing(output, logs, force)
@@ -76,7 +76,7 @@ def replay(
         loaded = _config(readers, config, settings, interface, channel)
         player = None
         if interface is not None or channel is not None:
-            from dctorque_can.daemon.playback import Player, playing
+            from dctorque_can.offline.playback import Player, playing
 
             tell = playing(loaded.can.arguments(), lambda is_error, text: (fail if is_error else say)(text))
             player = Player(stack.enter_context(tell), speed)
@@ -121,7 +121,7 @@ def _config(
 ) -> Config:
     if path is not None:
         return configuration.load(path, settings, interface, channel)
-    from dctorque_can.daemon.replay import config_of
+    from dctorque_can.offline.replay import config_of
 
     return config_of(readers, configuration.overrides(settings, interface, channel))
 

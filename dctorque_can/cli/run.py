@@ -69,7 +69,7 @@ def run(
     else:
         _show(summary)
     if summary.frames:
-        from dctorque_can.daemon.summary import doubts
+        from dctorque_can.analysis.health import doubts
 
         for doubt in doubts(summary.never_received, summary.estimates, summary.valid_estimates):
             warn(doubt)
@@ -82,9 +82,9 @@ def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Ser
 
     from dctorque_can.daemon.link import open_bus
     from dctorque_can.daemon.log_plan import plan_for
-    from dctorque_can.daemon.output_file import refuse_existing
     from dctorque_can.daemon.service import Service
     from dctorque_can.daemon.signals import obeying_signals  # noqa: F401  loaded while a signal still ends all
+    from dctorque_can.logs.output_file import refuse_existing
 
     if log is not None:
         refuse_existing(log, [], force)

@@ -25,7 +25,7 @@ from dctorque_can.cli.options import (
 
 if TYPE_CHECKING:
     from dctorque_can.config.load import Config
-    from dctorque_can.daemon.simulated_car import SimulatedDrive
+    from dctorque_can.offline.simulated_car import SimulatedDrive
 
 
 def simulate(
@@ -65,8 +65,8 @@ def simulate(
                 f"{output}: the suffix says no known log format; known are {known}", param_hint="-o"
             )
     with activity("loading", show=STDERR.is_terminal):
-        from dctorque_can.daemon.output_file import refuse_existing
-        from dctorque_can.daemon.simulated_car import (
+        from dctorque_can.logs.output_file import refuse_existing
+        from dctorque_can.offline.simulated_car import (
             DriveName,
             ProfileName,
             simulate_car,
@@ -97,7 +97,7 @@ def simulate(
 
 
 def _send(config: Config, simulated: SimulatedDrive, speed: float) -> dict[str, Any]:
-    from dctorque_can.daemon.playback import Player, playing
+    from dctorque_can.offline.playback import Player, playing
 
     name = f"{config.can.interface}:{config.can.channel}"
     with playing(config.can.arguments(), lambda is_error, text: (fail if is_error else say)(text)) as link:

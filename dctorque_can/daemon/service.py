@@ -12,22 +12,20 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.analysis.consistency import nis
+from dctorque_can.analysis.health import count_valid, health_counts, never_received
 from dctorque_can.bus.output import OutputEncoder
+from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.chain import Chain
 from dctorque_can.daemon.link import BusError, BusLink, LinkCounts
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogCounts, LogProcess
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
-from dctorque_can.daemon.summary import count_valid, never_received
 from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.logs.mcap_layout import EventLevel
 from dctorque_can.logs.messages import frames_from_messages
 from dctorque_can.logs.table import Table
 from dctorque_can.pipeline.frames import FrameFlag, Frames
-from dctorque_can.pipeline.samples import Quantity
 
 RECEIVE_TIMEOUT_S = 0.1
 MOST_AT_ONCE = 64
@@ -77,26 +75,6 @@ class Summary:
         if self.log is not None:
             result["log"]["paths"] = [str(path) for path in self.log.paths]
         return result
-
-
-_COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
-
-
-_LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
-
-
-def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
-    """Return what a `HEALTH` record ``[1]`` has counted, and what was learned of the engine torque."""
-    record = health[0]
-    counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
-    for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
-        counts[fault] = {q.name.lower(): int(record[fault][q]) for q in Quantity if record[fault][q]}
-    sensors = nis(health)
-    counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}
-    counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
-    learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
-    counts["engine_torque"] = learned if sensors else {}
-    return counts
 
 
 class Service:

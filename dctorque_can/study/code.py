@@ -9,14 +9,22 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parents[1]
 SIMULATION = ("driveline", "bus", "simulation")
 """Rooms that frames and truth of a car come from."""
-EVERYTHING = (*SIMULATION, "estimators", "pipeline", "config", "analysis", "daemon", "study")
+EVERYTHING = (*SIMULATION, "estimators", "pipeline", "config", "chain.py", "analysis", "offline", "study")
 """… and the figures of its estimates."""
 
 
 @cache
 def code(rooms: tuple[str, ...]) -> str:
-    """Return a hash of the sources of these rooms, as they were when this process asked for the first time."""
+    """Return a hash of the sources of these rooms, as they were when this process asked for the first time.
+
+    Args:
+        rooms: folders of the package, or files at its top.
+    """
     digest = hashlib.sha256()
-    for path in sorted(path for room in rooms for path in (_PACKAGE / room).rglob("*.py")):
+    for path in sorted(path for room in rooms for path in _sources(_PACKAGE / room)):
         digest.update(f"{path.relative_to(_PACKAGE)}\n".encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+def _sources(room: Path) -> list[Path]:
+    return [room] if room.suffix else list(room.rglob("*.py"))

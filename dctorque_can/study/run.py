@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.comparison import Figures, judge
 from dctorque_can.analysis.consistency import nis
 from dctorque_can.analysis.errors import TORQUES, compare
+from dctorque_can.chain import Chain
 from dctorque_can.config.load import load_documents
-from dctorque_can.daemon.bound import BoundChain
-from dctorque_can.daemon.chain import Chain
-from dctorque_can.daemon.simulated_car import DriveName, ProfileName, drive_of, sensors_of
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
+from dctorque_can.offline.bound import BoundChain
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, drive_of, sensors_of
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import simulate

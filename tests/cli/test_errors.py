@@ -92,7 +92,7 @@ def test_wrong_usage(dctorque, log: Path) -> None:
 def test_a_log_of_an_unknown_format_is_refused_before_the_simulation(
     dctorque, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("dctorque_can.daemon.simulated_car.simulate_car", None)
+    monkeypatch.setattr("dctorque_can.offline.simulated_car.simulate_car", None)
     assert_clear(dctorque("simulate", "-o", "x.foo"), "x.foo", ".asc", code=2)
     assert list(tmp_path.iterdir()) == []
 

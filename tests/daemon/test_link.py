@@ -15,7 +15,7 @@ from dctorque_can.daemon import spin
 from dctorque_can.daemon.link import SILENCE_S, BusError, BusLink, open_bus
 from dctorque_can.daemon.spin import SPIN_RETURNS, SPIN_S, raise_on_spin
 
-from .clock import Clock
+from ..clock import Clock
 
 MESSAGE = can.Message(arbitration_id=0x100, data=b"\1", is_extended_id=False)
 

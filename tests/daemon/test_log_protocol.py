@@ -12,7 +12,7 @@ from dctorque_can.daemon.log_protocol import (
     read_table_rows,
     table_message,
 )
-from dctorque_can.daemon.truth_log import TRUTHS
+from dctorque_can.offline.truth_log import TRUTHS
 from dctorque_can.pipeline.frames import Frames
 
 

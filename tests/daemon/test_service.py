@@ -16,18 +16,18 @@ from dctorque_can.config.load import Config
 from dctorque_can.daemon import link
 from dctorque_can.daemon.link import BusError, BusLink
 from dctorque_can.daemon.log_plan import plan_for
-from dctorque_can.daemon.playback import Player
-from dctorque_can.daemon.replay import ReplayContent, ReplayTargets, replay_logs
 from dctorque_can.daemon.service import Service, Summary
-from dctorque_can.daemon.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_reader import read_table
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.logs.reader import open_log
 from dctorque_can.logs.table import ESTIMATES, HEALTH
+from dctorque_can.offline.playback import Player
+from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
-from .clock import Clock
+from ..clock import Clock
 
 Connect = Callable[[], can.BusABC]
 

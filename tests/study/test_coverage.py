@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.daemon.comparison import compare_bound, compare_variants, variants_of
-from dctorque_can.daemon.simulated_car import DriveName, ProfileName, simulate_car
+from dctorque_can.offline.comparison import compare_bound, compare_variants, variants_of
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 from dctorque_can.resources import shipped_config
 from dctorque_can.study.coverage import spreads
 from dctorque_can.study.draw import noise_seed

@@ -125,3 +125,8 @@ def test_every_key_and_factor_is_documented() -> None:
         assert factor.lowest <= factor.nominal <= factor.highest
     for key in FactorSection.model_fields:
         assert f"`{key}`" in DOC
+
+
+def test_the_code_of_a_room_or_file_that_is_not_there_is_no_code() -> None:
+    nothing = code(())
+    assert all(code((room,)) != nothing for room in EVERYTHING)

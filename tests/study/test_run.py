@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dctorque_can.analysis.errors import compare
-from dctorque_can.daemon.chain import Chain
-from dctorque_can.daemon.simulated_car import DriveName, ProfileName, simulate_car
+from dctorque_can.chain import Chain
 from dctorque_can.errors import DctorqueError
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 from dctorque_can.simulation.truth import TRUTH
 from dctorque_can.study.draw import draw, noise_seed
 from dctorque_can.study.plan import load_study

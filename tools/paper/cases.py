@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon.chain import Chain
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import PAPER, simulate

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dctorque_can.estimators.oh2014.design import RoadLoad
 
 from dctorque_can.config.load import load_config
 from dctorque_can.estimators.oh2014 import model as oh2014_model
 from dctorque_can.estimators.oh2014 import observer as oh2014
+from dctorque_can.estimators.oh2014.design import RoadLoad
 from dctorque_can.resources import shipped_config
 
 SETTINGS = load_config(shipped_config("paper_car")).settings

@@ -1,38 +1,11 @@
-"""What a run or a replay amounted to: inputs that never came, estimates that may be trusted, time that passed."""
+"""How long the traffic of a recording is, whatever its clock did."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.pipeline.estimates import Status
-from dctorque_can.pipeline.samples import Input
-
-_BOTH_VALID = np.uint32(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID)
 _CLOCK_STEP_US = 1_000_000
-
-
-def never_received(inputs: Sequence[Input], health: NDArray[np.void]) -> list[str]:
-    """Return the mapped quantities of which a `HEALTH` record ``[1]`` counts no usable value, in lower case."""
-    accepted = health[0]["accepted"]
-    return [entry.quantity.name.lower() for entry in inputs if not accepted[entry.quantity]]
-
-
-def count_valid(rows: NDArray[np.void]) -> int:
-    """Return how many `ESTIMATE` rows have both clutch torques valid."""
-    return int(np.count_nonzero((rows["status"] & _BOTH_VALID) == _BOTH_VALID))
-
-
-def doubts(missing: Sequence[str], estimates: int, valid: int) -> list[str]:
-    """Return warnings, one line each, for the results of `never_received` and `count_valid`."""
-    lines = []
-    if missing:
-        lines.append(f"never received a usable value of: {', '.join(missing)} (see `dctorque check`)")
-    if estimates and not valid:
-        lines.append(f"none of the {estimates} estimates has valid clutch torques")
-    return lines
 
 
 class TrafficTime:

@@ -12,21 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.analysis.errors import ErrorFigures, compare
+from dctorque_can.analysis.health import count_valid, health_counts, never_received
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.output import OutputEncoder
+from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
-from dctorque_can.daemon.chain import Chain
-from dctorque_can.daemon.output_file import remove_partial
-from dctorque_can.daemon.playback import Player
-from dctorque_can.daemon.service import health_counts
-from dctorque_can.daemon.simulated_car import truth_path
-from dctorque_can.daemon.summary import TrafficTime, count_valid, never_received
-from dctorque_can.daemon.truth_log import read_truth, write_truth
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.output_file import remove_partial
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
+from dctorque_can.offline.playback import Player
+from dctorque_can.offline.simulated_car import truth_path
+from dctorque_can.offline.traffic_time import TrafficTime
+from dctorque_can.offline.truth_log import read_truth, write_truth
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
 from dctorque_can.pipeline.frames import Frames
 

@@ -6,12 +6,12 @@ import can
 import numpy as np
 import pytest
 
-from dctorque_can.daemon import playback
 from dctorque_can.daemon.link import BusLink
-from dctorque_can.daemon.playback import PATIENCE_S, Player
+from dctorque_can.offline import playback
+from dctorque_can.offline.playback import PATIENCE_S, Player
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
-from .clock import Clock
+from ..clock import Clock
 
 PERIOD_S = 0.01
 

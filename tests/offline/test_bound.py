@@ -7,9 +7,9 @@ import pytest
 
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon.bound import BoundChain, told_samples
-from dctorque_can.daemon.comparison import compare_bound, compare_variants, variants_of
-from dctorque_can.daemon.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car
+from dctorque_can.offline.bound import BoundChain, told_samples
+from dctorque_can.offline.comparison import compare_bound, compare_variants, variants_of
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car
 from dctorque_can.pipeline.samples import Quantity, Samples
 from dctorque_can.resources import shipped_config
 

@@ -11,19 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import can
+import numpy as np
+from numpy.typing import NDArray
 
 from dctorque_can.analysis.errors import ErrorFigures, compare
-from dctorque_can.analysis.plot import drive_figure, save_figure
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.link import open_bus
 from dctorque_can.daemon.log_plan import LogFolder, LogPlan
 from dctorque_can.daemon.service import Service, Summary
-from dctorque_can.daemon.simulated_car import SimulatedDrive
-from dctorque_can.daemon.truth_log import TRUTHS
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap_reader import read_table
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.logs.table import ESTIMATES
+from dctorque_can.offline.simulated_car import SimulatedDrive
+from dctorque_can.offline.truth_log import TRUTHS
 
 MOST_IN_FLIGHT = 2000  # frames that wait on the virtual bus, which has no limit of its own
 STALLED_S = 30.0
@@ -38,16 +39,14 @@ class DemoResult:
         summary: of the service.
         heard: frames of the service that the car received.
         log: the MCAP log.
-        plot: the picture.
-        estimates: in the log.
+        estimates: `ESTIMATE` ``[n]``, those in the log.
     """
 
     errors: dict[str, ErrorFigures]
     summary: Summary
     heard: int
     log: Path
-    plot: Path
-    estimates: int
+    estimates: NDArray[np.void]
 
     def as_json(self) -> dict[str, Any]:
         """Return the result for scripts."""
@@ -55,10 +54,9 @@ class DemoResult:
         return {
             **{kind: {name: getattr(e, kind) for name, e in self.errors.items()} for kind in figures},
             "frames": self.summary.frames,
-            "estimates": self.estimates,
+            "estimates": len(self.estimates),
             "published": self.heard,
             "log": str(self.log),
-            "plot": str(self.plot),
             "seconds": self.summary.seconds,
             "health": self.summary.health,
         }
@@ -69,14 +67,13 @@ class Demo:
 
     Args:
         config: must use the virtual interface.
-        folder: takes ``demo.mcap`` and ``demo.png``; is made when missing, files of that name are replaced.
+        folder: takes ``demo.mcap``; is made when missing, a file of that name is replaced.
         say: is told remarks of the service.
     """
 
     def __init__(self, config: Config, folder: Path, say: Callable[[bool, str], None]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._log = folder / "demo.mcap"
-        self._plot = folder / "demo.png"
         plan = LogPlan(
             LogFolder(folder, "demo", first=self._log),
             flush_s=0.2,
@@ -154,5 +151,4 @@ class Demo:
     def _evaluate(self, drive: SimulatedDrive, summary: Summary) -> DemoResult:
         estimates = read_table(self._log, ESTIMATES)
         errors = compare(estimates, drive.truth)
-        save_figure(drive_figure(estimates, drive.truth, drive.name), self._plot)
-        return DemoResult(errors, summary, self._heard, self._log, self._plot, len(estimates))
+        return DemoResult(errors, summary, self._heard, self._log, estimates)

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.truth_log import shifted, write_truth
 from dctorque_can.driveline.parameters import DrivenAxle, Vehicle
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.offline.truth_log import shifted, write_truth
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
 from dctorque_can.simulation.sensors import INERTIAL, LABORATORY, PRODUCTION, SensorProfile, emit_frames

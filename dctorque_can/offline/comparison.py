@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.comparison import Comparison, judge, shift_windows
 from dctorque_can.analysis.consistency import Nis, nis
+from dctorque_can.analysis.health import count_valid, doubts, never_received
+from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
-from dctorque_can.daemon.bound import BoundChain
-from dctorque_can.daemon.chain import Chain
-from dctorque_can.daemon.replay import truth_of, truth_source
-from dctorque_can.daemon.simulated_car import SIMULATION, SimulatedDrive
-from dctorque_can.daemon.summary import count_valid, doubts, never_received
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.reader import LogReader, open_log
+from dctorque_can.offline.bound import BoundChain
+from dctorque_can.offline.replay import truth_of, truth_source
+from dctorque_can.offline.simulated_car import SIMULATION, SimulatedDrive
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.frames import Frames
 

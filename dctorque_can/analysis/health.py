@@ -1,0 +1,52 @@
+"""What a run or a replay amounted to: what its health record counts, and whether its estimates can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.analysis.consistency import nis
+from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.samples import Input, Quantity
+
+_BOTH_VALID = np.uint32(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID)
+_COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
+_LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
+
+
+def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
+    """Return what a `HEALTH` record ``[1]`` has counted, and what was learned of the engine torque."""
+    record = health[0]
+    counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
+    for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
+        counts[fault] = {q.name.lower(): int(record[fault][q]) for q in Quantity if record[fault][q]}
+    sensors = nis(health)
+    counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}
+    counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
+    learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
+    counts["engine_torque"] = learned if sensors else {}
+    return counts
+
+
+def never_received(inputs: Sequence[Input], health: NDArray[np.void]) -> list[str]:
+    """Return the mapped quantities of which a `HEALTH` record ``[1]`` counts no usable value, in lower case."""
+    accepted = health[0]["accepted"]
+    return [entry.quantity.name.lower() for entry in inputs if not accepted[entry.quantity]]
+
+
+def count_valid(rows: NDArray[np.void]) -> int:
+    """Return how many `ESTIMATE` rows have both clutch torques valid."""
+    return int(np.count_nonzero((rows["status"] & _BOTH_VALID) == _BOTH_VALID))
+
+
+def doubts(missing: Sequence[str], estimates: int, valid: int) -> list[str]:
+    """Return warnings, one line each, for the results of `never_received` and `count_valid`."""
+    lines = []
+    if missing:
+        lines.append(f"never received a usable value of: {', '.join(missing)} (see `dctorque check`)")
+    if estimates and not valid:
+        lines.append(f"none of the {estimates} estimates has valid clutch torques")
+    return lines

@@ -1,0 +1,1 @@
+"""What works on recordings: replay, playback, simulated logs, estimators compared with the truth."""
