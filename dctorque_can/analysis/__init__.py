@@ -1,1 +1,1 @@
-"""Error figures, shift events and plots from logs."""
+"""Numbers only: errors, lag, consistency of stated deviations, shifts, what a health record says."""

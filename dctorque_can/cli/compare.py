@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dctorque_can.cli import configuration
-from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json, progress_bar, say, warn
+from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json, print_page, progress_bar, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.options import (
     ConfigOption,
@@ -21,6 +21,7 @@ from dctorque_can.cli.options import (
     ProfileChoice,
     SeedOption,
     SetOption,
+    plot_format,
 )
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from dctorque_can.logs.reader import LogReader
     from dctorque_can.offline.simulated_car import SimulatedDrive
 
-PLOT_FORMATS = (".png", ".svg", ".pdf")
 ONLY_SIMULATED = ("drive", "profile", "seed", "seeds", "duration")
 _NAME = re.compile(r"[\w.+-]{1,16}")
 _NEXT_KEY = re.compile(r",(?=\s*[\w.]+=)")
@@ -73,15 +73,12 @@ def compare(
     car, gears and clutch phases. Each LOG is a drive of its own and must carry its truth. Exit code 3: a log is
     damaged.
     """
-    if output is not None and output.suffix.lower() not in PLOT_FORMATS:
-        known = ", ".join(PLOT_FORMATS)
-        raise typer.BadParameter(f"{output}: the suffix says no known format; known are {known}", param_hint="-o")
+    plot_format(output)
     given = [name for name in ONLY_SIMULATED if _is_given(context, name)]
     if logs and given:
         raise typer.BadParameter(f"--{given[0]} is for simulated drives; leave it out, or the logs")
     more = _variants(variants or [])
     with activity("loading", show=STDERR.is_terminal), ExitStack() as stack:
-        from dctorque_can.cli.compare_report import as_report, show
         from dctorque_can.logs.reader import open_log
         from dctorque_can.offline.comparison import (
             compare_bound,
@@ -90,6 +87,7 @@ def compare(
             recorded_drive,
             variants_of,
         )
+        from dctorque_can.offline.findings import as_report
 
         readers = [stack.enter_context(open_log(path)) for path in logs or []]
         loaded = _config(readers, config, settings, {})
@@ -109,8 +107,8 @@ def compare(
         bound = compare_bound(loaded, drives, lambda done: progress(share + (1 - share) * done))
     report = as_report(loaded.name, [d.name for d in drives], count_shifts(drives), results, bound)
     if output is not None:
-        from dctorque_can.analysis.comparison_plot import comparison_figure
-        from dctorque_can.analysis.plot import save_figure
+        from dctorque_can.report.comparison_plot import comparison_figure
+        from dctorque_can.report.plot_file import save_figure
 
         title = f"{loaded.name}: {Path(drives[0].name).name}" + (
             f" and {len(drives) - 1} more" if len(drives) > 1 else ""
@@ -122,7 +120,10 @@ def compare(
     if as_json:
         print_json(report)
     else:
-        show(report)
+        from dctorque_can.report.comparison_tables import comparison_tables
+        from dctorque_can.report.torque_table import WIDTH
+
+        print_page(comparison_tables(report), WIDTH)
         if output is not None:
             STDOUT.print(f"plot {output}", soft_wrap=True, markup=False)
     if problems:
@@ -170,17 +171,10 @@ def _config(
 def _simulated(
     config: Config, drive: str, profile: str, seeds: range, duration_s: float | None
 ) -> list[SimulatedDrive]:
-    from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
+    from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_cars
 
     what = "simulating (the first run on a machine compiles for up to a minute)"
     if not STDERR.is_terminal:
         say(what)
-    drives = []
     with progress_bar(what) as progress:
-        for n, seed in enumerate(seeds):
-
-            def show(fraction: float, before: int = n) -> None:
-                progress((before + fraction) / len(seeds))
-
-            drives.append(simulate_car(config, DriveName(drive), ProfileName(profile), seed, duration_s, show))
-    return drives
+        return simulate_cars(config, DriveName(drive), ProfileName(profile), seeds, duration_s, progress)

@@ -6,11 +6,14 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 # A place such as car.yaml:100: is no emoji.
 STDOUT = Console(highlight=False, emoji=False)
@@ -30,6 +33,11 @@ def warn(text: str) -> None:
 def fail(text: str) -> None:
     """Print one error on stderr."""
     STDERR.print(f"[bold red]error:[/] {escape(text)}")
+
+
+def print_page(result: RenderableType, width: int) -> None:
+    """Print tables that are made for ``width`` columns, however wide the terminal is."""
+    Console(width=width, highlight=False, emoji=False).print(result)
 
 
 def print_json(result: Mapping[str, Any]) -> None:

@@ -10,7 +10,6 @@ import typer
 
 from dctorque_can.cli import configuration
 from dctorque_can.cli.console import STDERR, STDOUT, activity, fail, print_json, progress_bar, say
-from dctorque_can.cli.figures import errors_table
 from dctorque_can.cli.options import (
     DriveChoice,
     DurationOption,
@@ -58,12 +57,15 @@ def demo(
         result = show.run(simulated, progress)
     plot = folder / "demo.png"
     with activity("drawing", show=STDERR.is_terminal):
-        from dctorque_can.analysis.plot import drive_figure, save_figure
+        from dctorque_can.report.drive_plot import drive_figure
+        from dctorque_can.report.plot_file import save_figure
 
         save_figure(drive_figure(result.estimates, simulated.truth, simulated.name), plot)
     if as_json:
         print_json(result.as_json() | {"plot": str(plot)})
         return
+    from dctorque_can.report.errors_table import errors_table
+
     STDOUT.print(errors_table(result.errors, f"{loaded.name}: {simulated.name}"))
     summary = result.summary
     STDOUT.print(

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from dctorque_can.cli import configuration
-from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json
-from dctorque_can.cli.options import JsonOption, SetOption
+from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json, print_page
+from dctorque_can.cli.options import JsonOption, SetOption, plot_format
 from dctorque_can.errors import DctorqueError
 
 if TYPE_CHECKING:
     from dctorque_can.driveline.parameters import Vehicle
 
-PLOT_FORMATS = (".png", ".svg", ".pdf")
 Noise = Annotated[float, typer.Option(metavar="RAD/S", min=0.0, help="Standard deviation of one sample.")]
 
 
@@ -54,9 +53,7 @@ def design(
     Everything is computed from the vehicle file, whichever method it names; nothing is simulated. Exit codes:
     0 done, also when a condition is violated, 1 error, 2 wrong usage.
     """
-    if output is not None and output.suffix.lower() not in PLOT_FORMATS:
-        known = ", ".join(PLOT_FORMATS)
-        raise typer.BadParameter(f"{output}: the suffix says no known format; known are {known}", param_hint="-o")
+    plot_format(output)
     with activity("loading", show=STDERR.is_terminal):
         from dctorque_can.estimators.oh2014.driving_conditions import all_pairs as every_pair
         from dctorque_can.estimators.oh2014.driving_conditions import neighbouring_pairs
@@ -73,20 +70,25 @@ def design(
                 + ("" if all_pairs else "; --all-pairs takes all others")
             )
         chosen = pairs[0] if pair is None else _chosen(pair, vehicle)
-    from dctorque_can.cli.design_report import Design
-    from dctorque_can.cli.design_tables import show
-
     with activity("computing", show=STDERR.is_terminal):
+        from dctorque_can.design.judgement import Design
+
         listed = pairs if chosen in pairs else (*pairs, chosen)
         found = Design(loaded.settings, listed, sensors, ramp).report(chosen, vary)
     report = {"file": str(loaded.path), "name": loaded.name, **found}
     if output is not None:
-        _draw(report, output)
+        from dctorque_can.report.noise_lag_plot import design_figure
+        from dctorque_can.report.plot_file import save_figure
+
+        save_figure(design_figure(report), output)
         report["plot"] = str(output)
     if as_json:
         print_json(report)
         return
-    show(report)
+    from dctorque_can.report.design_tables import design_tables
+    from dctorque_can.report.torque_table import WIDTH
+
+    print_page(design_tables(report), WIDTH)
     if output is not None:
         STDOUT.print(f"plot {output}", soft_wrap=True, markup=False)
 
@@ -117,25 +119,3 @@ def _chosen(text: str, vehicle: Vehicle) -> tuple[int, int]:
             f"{text}: not a gear of shaft 1 and one of shaft 2, such as {example}", param_hint="--pair"
         )
     return known[wanted]
-
-
-def _draw(report: dict[str, Any], path: Path) -> None:
-    import numpy as np
-
-    from dctorque_can.analysis.noise_lag_plot import noise_lag_figure
-    from dctorque_can.analysis.plot import save_figure
-    from dctorque_can.cli.design_checks import pair_name
-
-    sweep = report["sweep"]
-    names = ("clutch1_torque_nm", "clutch2_torque_nm")
-    columns = ([sweep[key][name] for name in names] for key in ("noise_nm", "lag_nm"))
-    noise, lag = (np.array(column, np.float64).T for column in columns)  # None becomes a gap
-    figure = noise_lag_figure(
-        np.array(sweep["factors"]),
-        noise,
-        np.abs(lag),
-        sweep["largest_factor_allowed"],
-        f"{report['name']}, gears {pair_name((sweep['gear1'], sweep['gear2']))}: noise against lag",
-        report["hand_over_nm_per_s"],
-    )
-    save_figure(figure, path)

@@ -60,3 +60,14 @@ DurationOption = Annotated[
 SpeedOption = Annotated[
     float, typer.Option("--speed", metavar="FACTOR", min=0.001, help="Bus seconds per second, on a bus.")
 ]
+
+
+def plot_format(output: Path | None) -> None:
+    """Refuse a plot whose suffix says no format; that is wrong usage."""
+    if output is None:
+        return
+    from dctorque_can.report.plot_file import PLOT_FORMATS
+
+    if output.suffix.lower() not in PLOT_FORMATS:
+        known = ", ".join(PLOT_FORMATS)
+        raise typer.BadParameter(f"{output}: the suffix says no known format; known are {known}", param_hint="-o")

@@ -12,7 +12,6 @@ import typer
 from dctorque_can.cli import configuration
 from dctorque_can.cli.console import STDERR, STDOUT, activity, fail, print_json, progress_bar, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
-from dctorque_can.cli.figures import errors_table
 from dctorque_can.cli.options import (
     ChannelOption,
     ConfigOption,
@@ -100,6 +99,8 @@ def replay(
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")
         if result.errors is not None:
+            from dctorque_can.report.errors_table import errors_table
+
             STDOUT.print(errors_table(result.errors, "Errors against the truth"))
     if not result.frames:
         warn("the log holds no frames")

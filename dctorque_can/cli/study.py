@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from dctorque_can.cli import configuration
-from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json, progress_bar, say, warn
+from dctorque_can.cli.console import STDERR, STDOUT, activity, print_json, print_page, progress_bar, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
-from dctorque_can.cli.figures import TORQUE_NAMES
 from dctorque_can.cli.options import JsonOption, SetOption
 
 if TYPE_CHECKING:
-    from dctorque_can.analysis.sensitivity_plot import SensitivityPanel
     from dctorque_can.study.plan import Study
     from dctorque_can.study.results import Results
     from dctorque_can.study.summary import StudySummary
@@ -98,7 +95,7 @@ def study(
         try:
             _run(loaded, results, jobs, drives)
         except KeyboardInterrupt as interrupt:
-            done = sum(number in results.records for number in range(1, loaded.plan.runs + 1))
+            done = results.finished(loaded.plan.runs)
             say(f"interrupted: {done} of {loaded.plan.runs} runs are kept; the same command goes on from there")
             raise typer.Exit(ExitCode.INTERRUPTED) from interrupt
         with activity("ranking the factors", show=STDERR.is_terminal):
@@ -127,12 +124,9 @@ def _named(changes: dict[str, Any]) -> list[str]:
 
 def _run(loaded: Study, results: Results, jobs: int | None, drives: Path | None) -> None:
     """Make the runs that are not there yet."""
-    from dctorque_can.errors import DctorqueError
-    from dctorque_can.study.draw import draw
-    from dctorque_can.study.pool import available_cores, finished_runs
-    from dctorque_can.study.run import Setup
+    from dctorque_can.study.pool import make_runs, missing_runs
 
-    missing = {number: values for number, values in enumerate(draw(loaded)) if number not in results.records}
+    missing = missing_runs(loaded, results)
     total = loaded.plan.runs + 1
     if not missing:
         say(f"all {loaded.plan.runs} runs are there already")
@@ -143,56 +137,22 @@ def _run(loaded: Study, results: Results, jobs: int | None, drives: Path | None)
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:
-        progress(1.0 - len(missing) / total)
-        for record in finished_runs(Setup.of(loaded, drives), missing, jobs or available_cores()):
-            if record["run"] == 0 and "error" in record:
-                raise DctorqueError(f"{loaded.path}: the car with nothing varied fails already: {record['error']}")
-            results.append(record)
-            progress(len(results.records) / total)
+        make_runs(loaded, results, missing, jobs, drives, progress)
 
 
 def _write(summary: StudySummary, folder: Path) -> dict[str, str]:
-    from dctorque_can.analysis.plot import save_figure
-    from dctorque_can.analysis.sensitivity_plot import sensitivity_figure
-
     files = {"results": folder / "results.jsonl", "summary": folder / "summary.json"}
     plot = folder / "sensitivity.png"
     if summary.sensitivities:
-        plan = summary.study.plan
-        title = (
-            f"{summary.study.config.name}: {plan.drive} drive, {plan.profile} signals, {summary.used} cars\n"
-            f"What moves the RMS error of the method {summary.method}"
-        )
-        save_figure(sensitivity_figure([_panel(summary, torque) for torque in TORQUE_NAMES], title), plot)
+        from dctorque_can.report.plot_file import save_figure
+        from dctorque_can.report.sensitivity_plot import study_figure
+
+        save_figure(study_figure(summary), plot)
         files["plot"] = plot
     else:
         plot.unlink(missing_ok=True)  # of fewer factors or more runs
-    text = json.dumps(summary.as_json(), indent=2, allow_nan=False, ensure_ascii=False)
-    files["summary"].write_text(text + "\n", encoding="utf-8")
+    summary.write(files["summary"])
     return {name: str(path) for name, path in files.items()}
-
-
-def _panel(summary: StudySummary, torque: str) -> SensitivityPanel:
-    import numpy as np
-
-    from dctorque_can.analysis.sensitivity_plot import SensitivityPanel
-    from dctorque_can.cli.study_report import label
-
-    ranking = summary.ranking(torque)
-    rms = summary.rms[torque]
-    title = (
-        f"{TORQUE_NAMES[torque].capitalize()}: nominal {summary.nominal[torque]:.3g}, median {rms['p50']:.3g}, "
-        f"95 % below {rms['p95']:.3g} N·m; {100 * summary.sensitivities[torque].explained:.0f} % explained"
-    )
-    return SensitivityPanel(
-        title=title,
-        labels=[label(summary.study, name) for name, _ in ranking],
-        change=np.array([effect.change for _, effect in ranking]),
-        low=np.array([effect.low for _, effect in ranking]),
-        high=np.array([effect.high for _, effect in ranking]),
-        significant=np.array([effect.significant for _, effect in ranking]),
-        shapes=[effect.shape for _, effect in ranking],
-    )
 
 
 def _show(summary: StudySummary, files: dict[str, str], as_json: bool) -> None:
@@ -202,12 +162,17 @@ def _show(summary: StudySummary, files: dict[str, str], as_json: bool) -> None:
         warn(f"{len(summary.failed) - _MOST_REASONS} more runs failed; {files['summary']} names them")
     if not summary.sensitivities:
         say(f"no ranking: {summary.runs_for_ranking} good runs would be needed, there are {summary.used}")
-    from dctorque_can.cli.study_report import show_tables
-
     if as_json:
         result: dict[str, Any] = summary.as_json() | {"files": files}
         print_json(result)
         return
-    show_tables(summary)
+    from dctorque_can.report.study_tables import estimator_tables, quantile_table, ranking_table
+    from dctorque_can.report.torque_table import WIDTH
+
+    STDOUT.print(quantile_table(summary))
+    if summary.estimators:
+        print_page(estimator_tables(summary), WIDTH)
+    if summary.sensitivities:
+        STDOUT.print(ranking_table(summary))
     for name, path in files.items():
         STDOUT.print(f"{name:8}{path}", soft_wrap=True)

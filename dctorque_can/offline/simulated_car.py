@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -94,6 +94,29 @@ def simulate_car(
     frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
     name = f"{drive} drive, {profile} signals, seed {seed}"
     return SimulatedDrive(frames, shifted(truth, START_US), name, vehicle)
+
+
+def simulate_cars(
+    config: Config,
+    drive: DriveName,
+    profile: ProfileName,
+    seeds: Sequence[int],
+    duration_s: float | None,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> list[SimulatedDrive]:
+    """Simulate one drive of each seed.
+
+    Raises:
+        DctorqueError: as for `simulate_car`.
+    """
+
+    def one(n: int, seed: int) -> SimulatedDrive:
+        def part(fraction: float) -> None:
+            progress((n + fraction) / len(seeds))
+
+        return simulate_car(config, drive, profile, seed, duration_s, part)
+
+    return [one(n, seed) for n, seed in enumerate(seeds)]
 
 
 def write_log(config: Config, drive: SimulatedDrive, output: Path) -> Path:

@@ -10,8 +10,12 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
+from pathlib import Path
 
 from dctorque_can.errors import DctorqueError
+from dctorque_can.study.draw import draw
+from dctorque_can.study.plan import Study
+from dctorque_can.study.results import Results
 from dctorque_can.study.run import Bench, Record, Setup
 
 _bench: Bench | None = None  # of a worker process
@@ -20,6 +24,41 @@ _bench: Bench | None = None  # of a worker process
 def available_cores() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+def missing_runs(study: Study, results: Results) -> dict[int, dict[str, float]]:
+    """Return the values of the factors of the runs that are not there yet, by number of the run."""
+    return {number: values for number, values in enumerate(draw(study)) if number not in results.records}
+
+
+def make_runs(
+    study: Study,
+    results: Results,
+    missing: Mapping[int, Mapping[str, float]],
+    jobs: int | None,
+    drives: Path | None,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> None:
+    """Make the ``missing`` runs and keep each in ``results`` as it finishes.
+
+    Args:
+        study: that they belong to.
+        results: of its other runs.
+        missing: see `missing_runs`.
+        jobs: processes; None for one per core.
+        drives: keeps the simulated drives there, or None.
+        progress: is told the finished share of the whole study.
+
+    Raises:
+        DctorqueError: the car with nothing varied fails, or a worker was ended from outside.
+    """
+    total = study.plan.runs + 1
+    progress(1.0 - len(missing) / total)
+    for record in finished_runs(Setup.of(study, drives), missing, jobs or available_cores()):
+        if record["run"] == 0 and "error" in record:
+            raise DctorqueError(f"{study.path}: the car with nothing varied fails already: {record['error']}")
+        results.append(record)
+        progress(len(results.records) / total)
 
 
 def finished_runs(setup: Setup, values: Mapping[int, Mapping[str, float]], jobs: int) -> Iterator[Record]:

@@ -63,6 +63,10 @@ class Results:
     ) -> None:
         os.close(self._file)
 
+    def finished(self, runs: int) -> int:
+        """Return how many of the runs 1 .. ``runs`` are there."""
+        return sum(number in self.records for number in range(1, runs + 1))
+
     def append(self, record: Record) -> None:
         """Keep one finished run."""
         self._write(record)

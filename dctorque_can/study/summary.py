@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -79,6 +81,11 @@ class StudySummary:
                 for torque in self.sensitivities
             },
         }
+
+    def write(self, path: Path) -> None:
+        """Write the summary as a file for scripts."""
+        text = json.dumps(self.as_json(), indent=2, allow_nan=False, ensure_ascii=False)
+        path.write_text(text + "\n", encoding="utf-8")
 
 
 def summarise(study: Study, records: Mapping[int, Record]) -> StudySummary:

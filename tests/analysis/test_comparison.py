@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from dctorque_can.analysis.comparison import Comparison, judge, shift_windows
-from dctorque_can.analysis.comparison_plot import comparison_figure
+from dctorque_can.analysis.comparison import judge, shift_windows
 from dctorque_can.analysis.consistency import LEVELS, bands, independent_samples, mean_limits, nees, nis
 from dctorque_can.analysis.errors import TORQUES, compare
 from dctorque_can.analysis.lag import Stretch, lag_s
@@ -326,33 +325,3 @@ def test_a_drive_without_shifts_and_one_without_anything() -> None:
         judge([(rows[:0], truth)])
     with pytest.raises(DctorqueError, match="nothing to compare"):
         judge([(rows, truth[:0])])
-
-
-# The picture
-
-
-def comparisons() -> dict[str, Comparison]:
-    rows, truth = drive()
-    return {
-        "plain": judge([(rows, truth)]),
-        "honest": judge([drive(sigma=3.0)]),
-        "early": judge([(rows, truth[:900])]),
-    }
-
-
-def test_the_picture_shows_every_variant() -> None:
-    figure = comparison_figure(comparisons(), "a title")
-    figure.canvas.draw()
-    *bars, coverage = figure.axes
-    assert [len(axis.patches) for axis in bars] == [5, 5, 5]  # one has no shifts
-    assert [text.get_text() for text in bars[0].get_yticklabels()] == ["plain", "honest", "early"]
-    labels = [text.get_text() for text in coverage.get_yticklabels()]
-    assert labels == ["Clutch 1, honest", "Clutch 2, honest", "Output shaft, honest"]
-    assert len(coverage.lines) == len(LEVELS) * (1 + 2 * 3)
-    assert figure.get_figwidth() * figure.dpi == 900
-
-
-def test_without_stated_deviations_there_is_no_coverage_to_show() -> None:
-    assert len(comparison_figure({"plain": comparisons()["plain"]}, "").axes) == 3
-    with pytest.raises(DctorqueError, match="nothing to draw"):
-        comparison_figure({}, "")

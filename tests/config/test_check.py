@@ -7,7 +7,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from dctorque_can.cli.check import LOST, check
+from dctorque_can.cli.check import check
+from dctorque_can.config.overview import LOST
 from dctorque_can.pipeline.samples import Quantity
 
 APP = typer.Typer()

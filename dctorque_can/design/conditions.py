@@ -13,7 +13,7 @@ from dctorque_can.estimators.oh2014.design import RoadLoad
 from dctorque_can.estimators.oh2014.driving_conditions import DrivingCondition
 
 if TYPE_CHECKING:
-    from dctorque_can.cli.design_report import Design
+    from dctorque_can.design.judgement import Design
 
 Pair = tuple[int, int]
 MAX_ENGINE_SPEED = 700.0  # rad/s, 6700 rpm

@@ -1,104 +1,23 @@
-"""The findings of ``dctorque compare``: as one object for scripts, and as tables at most 100 columns wide."""
+"""Compared estimators as tables, at most 100 columns wide."""
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
-from rich.console import Console
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from dctorque_can.analysis.consistency import LEVELS, Bands, Nees, Nis
-from dctorque_can.cli.torque_table import WIDTH, by_torque, table
-
-if TYPE_CHECKING:
-    from dctorque_can.analysis.comparison import Figures, TorqueFigures
-    from dctorque_can.offline.comparison import VariantResult
+from dctorque_can.analysis.consistency import LEVELS
+from dctorque_can.report.torque_table import by_torque, table
 
 _PARTS = {"all": "whole drive", "shifts": "shifts ± 100 ms"}
 
 
-def as_report(
-    name: str, drives: Sequence[str], shifts: int, results: Sequence[VariantResult], bound: VariantResult
-) -> dict[str, Any]:
-    """Return everything that was found, with units in the keys."""
-    return {
-        "name": name,
-        "drives": list(drives),
-        "shift_count": shifts,
-        "variants": {
-            result.variant.name: {"set": dict(result.variant.overrides), "smoothed": result.variant.smooth}
-            | _variant(result, bound)
-            for result in results
-        },
-        "bound": _variant(bound, bound),
-    }
-
-
-def _variant(result: VariantResult, bound: VariantResult) -> dict[str, Any]:
-    found, least = result.comparison, bound.comparison
-    return {
-        "all": _figures(found.everything, least.everything),
-        "shifts": _figures(found.shifts, least.shifts) if found.shifts and least.shifts else None,
-        "sensors": {name: _nis(nis) for name, nis in result.sensors.items()},
-    }
-
-
-def _figures(figures: Figures, bound: Figures) -> dict[str, Any]:
-    torques = {name: _torque(torque, bound.torques[name]) for name, torque in figures.torques.items()}
-    clutches = None if figures.clutches is None else _nees(figures.clutches)
-    return {"samples": figures.samples, **torques, "clutches": clutches}
-
-
-def _torque(torque: TorqueFigures, bound: TorqueFigures) -> dict[str, Any]:
-    each = [rms for rms in torque.rms_each_nm if rms is not None]
-    return {
-        "rms_nm": torque.rms_nm,
-        "rms_over_bound": torque.rms_nm / bound.rms_nm if bound.rms_nm else None,
-        "rms_by_drive_nm": list(torque.rms_each_nm),
-        "rms_mean_nm": statistics.mean(each),
-        "rms_std_nm": statistics.stdev(each) if len(each) > 1 else None,
-        "bias_nm": torque.bias_nm,
-        "peak_nm": torque.peak_nm,
-        "lag_ms": torque.lag_ms,
-        "bands": None if torque.bands is None else _bands(torque.bands),
-    }
-
-
-def _bands(bands: Bands) -> dict[str, Any]:
-    coverage = {f"{level:.0%}": share for level, share in zip(LEVELS, bands.coverage, strict=True)}
-    return {"samples": bands.samples, "coverage": coverage, "log_score": bands.log_score}
-
-
-def _nees(nees: Nees) -> dict[str, Any]:
-    return {
-        "samples": nees.samples,
-        "nees": nees.mean,
-        "independent_samples": nees.independent_samples,
-        "nees_low": nees.low,
-        "nees_high": nees.high,
-        "log_score": nees.log_score,
-    }
-
-
-def _nis(nis: Nis) -> dict[str, Any]:
-    return {
-        "samples": nis.samples,
-        "rejected": nis.rejected,
-        "nis": nis.mean,
-        "nis_low": nis.low,
-        "nis_high": nis.high,
-    }
-
-
-def show(report: dict[str, Any]) -> None:
-    """Print a report on stdout."""
-    console = Console(width=WIDTH, highlight=False, emoji=False)
-    for title, filled in _tables(report):
-        console.print(Text(title, style="italic"))
-        console.print(filled)
+def comparison_tables(report: dict[str, Any]) -> Group:
+    """Return what `findings.as_report` made of a comparison."""
+    return Group(*(part for title, filled in _tables(report) for part in (Text(title, style="italic"), filled)))
 
 
 def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:

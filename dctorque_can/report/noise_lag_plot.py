@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
+from dctorque_can.design.conditions import pair_name
 from dctorque_can.errors import DctorqueError
 
 _COLOURS = ("#1f6fb4", "#c8501e")
+
+
+def design_figure(report: Mapping[str, Any]) -> Figure:
+    """Draw the sweep of what `judgement.Design.report` found, with the ``name`` of the vehicle."""
+    sweep = report["sweep"]
+    names = ("clutch1_torque_nm", "clutch2_torque_nm")
+    columns = ([sweep[key][name] for name in names] for key in ("noise_nm", "lag_nm"))
+    noise, lag = (np.array(column, np.float64).T for column in columns)  # None becomes a gap
+    return noise_lag_figure(
+        np.array(sweep["factors"]),
+        noise,
+        np.abs(lag),
+        sweep["largest_factor_allowed"],
+        f"{report['name']}, gears {pair_name((sweep['gear1'], sweep['gear2']))}: noise against lag",
+        report["hand_over_nm_per_s"],
+    )
 
 
 def noise_lag_figure(

@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from dctorque_can.cli.figures import TORQUE_NAMES
+TORQUE_NAMES = {"clutch1_nm": "clutch 1", "clutch2_nm": "clutch 2", "output_nm": "output shaft"}
 
 WIDTH = 100
 """Columns of a terminal that these tables are made for."""

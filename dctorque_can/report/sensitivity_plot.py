@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,6 +13,11 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from dctorque_can.errors import DctorqueError
+from dctorque_can.report.study_tables import label
+from dctorque_can.report.torque_table import TORQUE_NAMES
+
+if TYPE_CHECKING:
+    from dctorque_can.study.summary import StudySummary
 
 MOST_BARS = 10
 _SIGNIFICANT, _CHANCE = "#1f6fb4", "0.78"
@@ -84,3 +90,31 @@ def sensitivity_figure(panels: Sequence[SensitivityPanel], title: str) -> Figure
         fontsize=9,
     )
     return figure
+
+
+def study_figure(summary: StudySummary) -> Figure:
+    """Draw the ranking of every torque of a study that has one."""
+    plan = summary.study.plan
+    title = (
+        f"{summary.study.config.name}: {plan.drive} drive, {plan.profile} signals, {summary.used} cars\n"
+        f"What moves the RMS error of the method {summary.method}"
+    )
+    return sensitivity_figure([_panel(summary, torque) for torque in TORQUE_NAMES], title)
+
+
+def _panel(summary: StudySummary, torque: str) -> SensitivityPanel:
+    ranking = summary.ranking(torque)
+    rms = summary.rms[torque]
+    title = (
+        f"{TORQUE_NAMES[torque].capitalize()}: nominal {summary.nominal[torque]:.3g}, median {rms['p50']:.3g}, "
+        f"95 % below {rms['p95']:.3g} N·m; {100 * summary.sensitivities[torque].explained:.0f} % explained"
+    )
+    return SensitivityPanel(
+        title=title,
+        labels=[label(summary.study, name) for name, _ in ranking],
+        change=np.array([effect.change for _, effect in ranking]),
+        low=np.array([effect.low for _, effect in ranking]),
+        high=np.array([effect.high for _, effect in ranking]),
+        significant=np.array([effect.significant for _, effect in ranking]),
+        shapes=[effect.shape for _, effect in ranking],
+    )

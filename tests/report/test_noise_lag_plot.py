@@ -1,6 +1,6 @@
 import numpy as np
 
-from dctorque_can.analysis.noise_lag_plot import noise_lag_figure
+from dctorque_can.report.noise_lag_plot import noise_lag_figure
 
 
 def test_both_clutches_noise_and_lag_with_units() -> None:

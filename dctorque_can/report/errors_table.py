@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
+from dctorque_can.report.torque_table import TORQUE_NAMES
+
 if TYPE_CHECKING:
     from dctorque_can.analysis.errors import ErrorFigures
-
-TORQUE_NAMES = {"clutch1_nm": "clutch 1", "clutch2_nm": "clutch 2", "output_nm": "output shaft"}
 
 
 def errors_table(errors: Mapping[str, ErrorFigures], title: str) -> Table:

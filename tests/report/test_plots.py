@@ -3,10 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dctorque_can.analysis.plot import drive_figure, save_figure
-from dctorque_can.analysis.sensitivity_plot import SensitivityPanel, sensitivity_figure
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.estimates import ESTIMATE
+from dctorque_can.report.drive_plot import drive_figure
+from dctorque_can.report.plot_file import save_figure
+from dctorque_can.report.sensitivity_plot import SensitivityPanel, sensitivity_figure
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,15 +87,3 @@ def _speeds(axis: Axes, seconds: NDArray[np.float64], estimates: NDArray[np.void
     gears.set_ylim(-0.3, 1.7 * max(int(driving.max(initial=1)), 2))  # leaves the top to the legend
     gears.yaxis.set_major_locator(MaxNLocator(integer=True))
     axis.legend(loc="upper right", fontsize=9, framealpha=0.9, ncols=3)
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the suffix (.png, .svg, .pdf).
-
-    Raises:
-        DctorqueError: the file cannot be written.
-    """
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise DctorqueError(f"{path}: the plot cannot be written: {error.strerror}") from error

@@ -5,22 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 from rich import box
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from dctorque_can.cli.design_checks import pair_name
+from dctorque_can.design.conditions import pair_name
 
-WIDTH = 100
 ENGINE_ERROR = 10.0  # N·m, example of what cannot be seen
 OUTPUT_ERROR = 100.0  # N·m at the wheels
 
 
-def show(report: dict[str, Any]) -> None:
-    """Print a report of `design_report.Design` on stdout."""
-    console = Console(width=WIDTH, highlight=False, emoji=False)
-    for part in (_gains, _eigenvalues, _unobservable, _checks, _limits, _noise_and_lag, _sweep):
-        console.print(part(report))
+def design_tables(report: dict[str, Any]) -> Group:
+    """Return what `judgement.Design.report` found, with the ``name`` of the vehicle."""
+    parts = (_gains, _eigenvalues, _unobservable, _checks, _limits, _noise_and_lag, _sweep)
+    return Group(*(part(report) for part in parts))
 
 
 def _table(*headings: str) -> Table:

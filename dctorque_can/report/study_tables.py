@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from dctorque_can.analysis.consistency import LEVELS
-from dctorque_can.cli.console import STDOUT
-from dctorque_can.cli.figures import TORQUE_NAMES
-from dctorque_can.cli.torque_table import WIDTH, by_torque, table
 from dctorque_can.pipeline.estimates import SENSORS
+from dctorque_can.report.torque_table import TORQUE_NAMES, by_torque, table
 from dctorque_can.study.coverage import HONEST
 
 if TYPE_CHECKING:
@@ -22,15 +20,10 @@ if TYPE_CHECKING:
     from dctorque_can.study.summary import StudySummary
 
 
-def show_tables(summary: StudySummary) -> None:
-    """Print quantiles, what both methods are worth, and the ranking if there is one."""
-    STDOUT.print(_quantiles(summary))
-    console = Console(width=WIDTH, highlight=False, emoji=False)
-    for title, filled in _estimators(summary.estimators):
-        console.print(Text(title, style="italic"))
-        console.print(filled)
-    if summary.sensitivities:
-        STDOUT.print(_ranking(summary))
+def estimator_tables(summary: StudySummary) -> Group:
+    """Return what both methods are worth, at most 100 columns wide."""
+    tables = _estimators(summary.estimators)
+    return Group(*(part for title, filled in tables for part in (Text(title, style="italic"), filled)))
 
 
 def label(study: Study, name: str) -> str:
@@ -81,7 +74,8 @@ def _nis_table(found: dict[str, EstimatorSpread]) -> Table:
     return filled
 
 
-def _quantiles(summary: StudySummary) -> Table:
+def quantile_table(summary: StudySummary) -> Table:
+    """Return the RMS error of the configured method: of the nominal car, and its quantiles over the others."""
     plan = summary.study.plan
     failed = f", {len(summary.failed)} failed" if summary.failed else ""
     title = (
@@ -98,7 +92,7 @@ def _quantiles(summary: StudySummary) -> Table:
     return table
 
 
-def _ranking(summary: StudySummary) -> Table:
+def ranking_table(summary: StudySummary) -> Table:
     """Return the change of the RMS error per factor and torque; chance in brackets."""
     title = f"Change of the RMS error of {summary.method} over each factor's range [N·m]"
     table = Table(title=title, title_justify="left")

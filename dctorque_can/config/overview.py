@@ -1,0 +1,124 @@
+"""What a vehicle file amounts to: which inputs the estimator gets from the bus, and what each of them is for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from dctorque_can.config.inputs import InputEntry
+from dctorque_can.config.load import Config
+from dctorque_can.config.problems import Problem
+from dctorque_can.estimators.methods import Method
+from dctorque_can.pipeline.samples import Quantity
+
+NO_ESTIMATE = "no valid estimate"
+BRIDGED = "no valid estimate after half a second"
+AXLE = "other wheel of the axle"
+PHASE = "validity: clutch counts as closed"
+RECORDED = "nothing (recorded only)"
+HINT = "a weak measurement of the load"
+RESIDUAL = "residual of the clutch torque"
+LOST = {
+    "engine_speed": NO_ESTIMATE,
+    "engine_torque": NO_ESTIMATE,
+    "shaft1_speed": NO_ESTIMATE,
+    "shaft2_speed": NO_ESTIMATE,
+    "wheel_speed_fl": AXLE,
+    "wheel_speed_fr": AXLE,
+    "wheel_speed_rl": AXLE,
+    "wheel_speed_rr": AXLE,
+    "gear1": NO_ESTIMATE,
+    "gear2": NO_ESTIMATE,
+    "clutch1_position": PHASE,
+    "clutch2_position": PHASE,
+    "clutch1_open": PHASE,
+    "clutch2_open": PHASE,
+    "clutch1_command": PHASE,
+    "clutch2_command": PHASE,
+    "acceleration": RECORDED,
+    "grade": RECORDED,
+    "brake": "mark of braking between clutches",
+}
+"""What is lost while an input is stale or missing, by quantity, with the 2014 observer."""
+
+LOST_WITH_KALMAN = {name: BRIDGED for name, lost in LOST.items() if lost == NO_ESTIMATE} | {
+    "acceleration": HINT,
+    "grade": HINT,
+    "brake": "allowance for what the brakes do; acceleration and grade",
+}
+"""What is another loss with the Kalman filter, whose model stands in for a while."""
+
+
+def overview(file: str, problems: Sequence[Problem], config: Config | None) -> dict[str, Any]:
+    """Return everything for scripts; ``config`` is None when it has errors."""
+    errors = [problem.as_json() for problem in problems if problem.severity == "error"]
+    warnings = [problem.as_json() for problem in problems if problem.severity == "warning"]
+    return {
+        "file": file,
+        "name": "" if config is None else config.name,
+        "method": "" if config is None else method_name(config),
+        "ok": not errors,
+        "errors": errors,
+        "warnings": warnings,
+        "inputs": [] if config is None else input_rows(config),
+    }
+
+
+def method_name(config: Config) -> str:
+    """Return the estimator as the vehicle file calls it."""
+    return config.settings.method.name.lower()
+
+
+def input_rows(config: Config) -> list[dict[str, Any]]:
+    """Return one row per input that is given, then one per quantity that is not."""
+    given = {entry.input.quantity: entry for entry in config.entries}
+    rows = [_row(entry, config) for _, entry in sorted(given.items())]
+    phase_of_source = {q for q in Quantity if Quantity.CLUTCH1_POSITION <= q <= Quantity.CLUTCH2_COMMAND}
+    for quantity in Quantity:
+        if quantity not in given and quantity not in phase_of_source:
+            rows.append(_missing_row(quantity.name.lower(), config))
+    return rows
+
+
+def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
+    protections = {protection.message: protection for protection in config.protections}
+    periods = [period for period in entry.periods_ms if period]
+    kinds = []
+    for message in dict.fromkeys(term.message for term in entry.input.terms):
+        protection = protections.get(message)
+        kind = "none" if protection is None else protection.crc
+        counted = protection is not None and protection.counter_signal
+        kinds.append(f"{kind}, counter" if counted else kind)
+    name = entry.input.quantity.name.lower()
+    return {
+        "quantity": name,
+        "key": entry.key,
+        "present": True,
+        "signals": [f"{term.message}.{term.signal}" for term in entry.input.terms],
+        "units": list(entry.units),
+        "factors": [term.factor for term in entry.input.terms],
+        "offsets": [term.offset for term in entry.input.terms],
+        "mapped": [{str(raw): value for raw, value in term.values.items()} for term in entry.input.terms],
+        "not_available": [sorted(term.not_available) for term in entry.input.terms],
+        "minimum": entry.input.minimum,
+        "maximum": entry.input.maximum,
+        "period_ms": max(periods) if periods else None,
+        "timeout_ms": entry.input.timeout_us / 1000,
+        "delay_ms": entry.input.delay_us / 1000,
+        "protection": kinds,
+        "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else _lost(name, config),
+    }
+
+
+def _missing_row(name: str, config: Config) -> dict[str, Any]:
+    lost = _lost(name, config)
+    if name.startswith("gear") and config.settings.gear_inference is not None:
+        lost = "nothing: inferred from the ratio of shaft to wheel speed"
+    if name in ("shaft1_speed", "shaft2_speed"):  # only the method kalman lets them be missing
+        lost = "its slip and torque are known from engine and wheels alone"
+    return {"quantity": name, "key": "", "present": False, "signals": [], "lost": lost}
+
+
+def _lost(name: str, config: Config) -> str:
+    with_kalman = LOST_WITH_KALMAN if config.settings.method is Method.KALMAN else {}
+    return with_kalman.get(name, LOST[name])
