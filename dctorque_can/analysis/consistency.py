@@ -8,7 +8,6 @@ from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from dctorque_can.pipeline.estimates import SENSORS
 
@@ -70,15 +69,16 @@ class Nis:
         samples: speeds that the filter took.
         rejected: those beyond its gate; they are not in the mean.
         mean: over the samples.
-        low: lower limit of the mean of an honest filter, which lies within both with 95 % probability.
-        high: upper limit.
     """
 
     samples: int
     rejected: int
     mean: float
-    low: float
-    high: float
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Limits of the mean of an honest filter, which lies between them with 95 % probability."""
+        return mean_limits(float(self.samples), freedom=1)
 
 
 def bands(error: Floats, sigma: Floats) -> Bands | None:
@@ -136,6 +136,8 @@ def mean_limits(independent: float, freedom: int) -> tuple[float, float]:
 
     Their sum is chi-square distributed with ``freedom`` degrees of freedom per sample.
     """
+    from scipy.special import gammaincinv  # takes longer to import than a log to replay
+
     tails = ((1 - _CONFIDENCE) / 2, (1 + _CONFIDENCE) / 2)
     low, high = (float(2 * gammaincinv(freedom * independent / 2, tail)) / independent for tail in tails)
     return low, high
@@ -153,7 +155,7 @@ def nis(healths: NDArray[np.void]) -> dict[str, Nis]:
     samples, rejected = healths["innovations"].sum(axis=0), healths["innovations_rejected"].sum(axis=0)
     squares = healths["innovation_squares"].sum(axis=0)
     return {
-        name: Nis(int(n), int(r), float(total / n), *mean_limits(float(n), freedom=1))
+        name: Nis(int(n), int(r), float(total / n))
         for name, n, r, total in zip(SENSORS, samples, rejected, squares, strict=True)
         if n
     }

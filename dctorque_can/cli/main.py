@@ -1,45 +1,71 @@
 """Entry point of ``dctorque``: subcommands, error messages, exit codes.
 
-Every subcommand imports what it needs when it runs, so that ``--help`` stays quick.
+The file of a subcommand is imported when that one is called; ``--help`` asks all of them for their first line. It
+imports what it needs when it runs.
 """
 
 from __future__ import annotations
 
 import logging
 import sys
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from dctorque_can import __version__
-from dctorque_can.cli.check import check
-from dctorque_can.cli.compare import compare
 from dctorque_can.cli.console import fail
-from dctorque_can.cli.demo import demo
-from dctorque_can.cli.design import design
 from dctorque_can.cli.exit_codes import ExitCode
-from dctorque_can.cli.recover import recover
-from dctorque_can.cli.replay import replay
-from dctorque_can.cli.run import run
-from dctorque_can.cli.simulate import simulate
-from dctorque_can.cli.study import study
 from dctorque_can.errors import DctorqueError
+from dctorque_can.logs.late_asammdf import late_asammdf
 
 DEBUG = "--debug"
+COMMANDS = ("run", "replay", "simulate", "demo", "compare", "study", "check", "design", "recover")
+"""Each is the function of that name in the file of that name, in the order of ``--help``."""
+_SETTINGS = {"help_option_names": ["-h", "--help"]}
+
+
+class FromFiles(dict[str, Any]):
+    """The subcommands by name, each made from its file when somebody takes it."""
+
+    def __init__(self) -> None:
+        super().__init__(dict.fromkeys(COMMANDS))
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self:
+            raise KeyError(name)
+        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, context_settings=_SETTINGS)
+        alone.command(name)(getattr(import_module(f"dctorque_can.cli.{name}"), name))
+        return get_command(alone)
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the subcommand of that name, or ``default``."""
+        try:
+            return self[name]
+        except KeyError:
+            return default
+
+
+class Commands(TyperGroup):
+    """``dctorque`` itself, whose subcommands are not imported before they are needed."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands = FromFiles()
+
 
 app = typer.Typer(
     name="dctorque",
+    cls=Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=_SETTINGS,
     help="Clutch torques of a dual clutch transmission, estimated from its CAN frames.",
     epilog="Exit codes: 0 done, 1 error (one line on stderr), 2 wrong usage, 3 done but something was missing "
     "(damaged input, dropped log frames), 130 interrupted.",
 )
-
-
-for subcommand in (run, replay, simulate, demo, compare, study, check, design, recover):
-    app.command()(subcommand)
 
 
 def _print_version(wanted: bool) -> None:
@@ -64,7 +90,12 @@ def root(
 def main() -> None:
     """Run the command line and exit."""
     logging.getLogger("can").addHandler(logging.NullHandler())  # its errors come to us as exceptions too
-    arguments = sys.argv[1:]
+    with late_asammdf():
+        sys.exit(_outcome(sys.argv[1:]))
+
+
+def _outcome(arguments: list[str]) -> int:
+    """Run one command and return the exit code of its failure; a success exits itself."""
     command = [word for word in arguments if word != DEBUG]
     if DEBUG in arguments:
         app(args=command, prog_name="dctorque")  # Python itself shows the traceback
@@ -72,9 +103,9 @@ def main() -> None:
         app(args=command, prog_name="dctorque")
     except DctorqueError as error:
         fail(str(error))
-        sys.exit(error.exit_code)
+        return error.exit_code
     except OSError as error:
         fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     except Exception as error:  # noqa: BLE001  the last line of defence: nobody asked for a traceback
         fail(f"unexpected {type(error).__name__}: {error} (please run with --debug and report it)")
-    sys.exit(ExitCode.ERROR)
+    return ExitCode.ERROR

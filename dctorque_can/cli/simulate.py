@@ -70,9 +70,9 @@ def simulate(
             DriveName,
             ProfileName,
             simulate_car,
-            truth_path,
             write_log,
         )
+        from dctorque_can.offline.truth_log import truth_path
 
         loaded = configuration.load(config, settings, interface, channel)
     for path in {output, truth_path(output)} if output is not None else ():

@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
+from dctorque_can.config.descriptions import field_descriptions
 from dctorque_can.config.document import Document
 from dctorque_can.config.problems import KeyPath, Problem
 
@@ -20,9 +21,7 @@ S = TypeVar("S", bound="Section")
 class Section(BaseModel):
     """A mapping of a vehicle file. Unknown keys, missing keys, wrong types and non-finite numbers are errors."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:
         """Yield (key path below this section, reason) for values that are right alone but not together."""
@@ -130,8 +129,7 @@ def _reason(model: type[BaseModel], error: ErrorDetails) -> str:
 
 def _description(model: type[BaseModel], location: tuple[str | int, ...]) -> str:
     parent = _model_at(model, location[:-1])
-    field = parent.model_fields.get(str(location[-1])) if parent else None
-    return (field.description or "") if field else ""
+    return field_descriptions(parent).get(str(location[-1]), "") if parent else ""
 
 
 def _model_at(model: type[BaseModel], location: Iterable[str | int]) -> type[BaseModel] | None:

@@ -9,6 +9,7 @@ import can
 
 from dctorque_can.logs.errors import LogWriteError
 from dctorque_can.logs.formats import FORMATS
+from dctorque_can.logs.late_asammdf import give_asammdf
 from dctorque_can.logs.mcap_writer import McapLog
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.pipeline.frames import Frames
@@ -37,6 +38,8 @@ def write_frames(path: Path | str, frames: Frames | Iterable[Frames]) -> None:
             for batch in batches:
                 log.write_frames(batch)
         return
+    if path.suffix.lower() == ".mf4":
+        give_asammdf()
     try:
         with can.Logger(path) as writer:
             for batch in batches:

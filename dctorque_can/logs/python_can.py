@@ -15,6 +15,7 @@ from typing import TextIO
 import can
 
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.late_asammdf import give_asammdf
 from dctorque_can.logs.lines import Lines, each_message, warnings_of
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.pipeline.frames import Frames
@@ -38,6 +39,7 @@ class PythonCanFrames:
         self.fraction = 0.0
         self._numbers = ChannelNumbers()
         self._closed = False
+        give_asammdf()
         try:
             with self._listening():
                 self._reader = can.LogReader(path)

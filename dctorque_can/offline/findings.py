@@ -75,10 +75,11 @@ def _nees(nees: Nees) -> dict[str, Any]:
 
 
 def _nis(nis: Nis) -> dict[str, Any]:
+    low, high = nis.limits
     return {
         "samples": nis.samples,
         "rejected": nis.rejected,
         "nis": nis.mean,
-        "nis_low": nis.low,
-        "nis_high": nis.high,
+        "nis_low": low,
+        "nis_high": high,
     }

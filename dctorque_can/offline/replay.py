@@ -24,9 +24,8 @@ from dctorque_can.logs.output_file import remove_partial
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
 from dctorque_can.offline.playback import Player
-from dctorque_can.offline.simulated_car import truth_path
 from dctorque_can.offline.traffic_time import TrafficTime
-from dctorque_can.offline.truth_log import read_truth, write_truth
+from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
 from dctorque_can.pipeline.frames import Frames
 

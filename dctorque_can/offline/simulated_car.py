@@ -15,7 +15,7 @@ from dctorque_can.config.load import Config
 from dctorque_can.driveline.parameters import DrivenAxle, Vehicle
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap_writer import McapLog
-from dctorque_can.offline.truth_log import shifted, write_truth
+from dctorque_can.offline.truth_log import shifted, truth_path, write_truth
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
 from dctorque_can.simulation.sensors import INERTIAL, LABORATORY, PRODUCTION, SensorProfile, emit_frames
@@ -137,11 +137,6 @@ def write_log(config: Config, drive: SimulatedDrive, output: Path) -> Path:
     with _mcap(config, drive, beside) as log:
         write_truth(log, drive.truth)
     return beside
-
-
-def truth_path(output: Path) -> Path:
-    """Return where the truth goes."""
-    return output if output.suffix.lower() == ".mcap" else output.with_suffix(".truth.mcap")
 
 
 def _mcap(config: Config, drive: SimulatedDrive, path: Path) -> McapLog:

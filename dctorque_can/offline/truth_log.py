@@ -15,6 +15,11 @@ from dctorque_can.simulation.truth import TRUTH
 TRUTHS = Table("/dctorque/truth", "dctorque_msgs/msg/Truth", TRUTH)
 
 
+def truth_path(output: Path) -> Path:
+    """Return where the truth goes."""
+    return output if output.suffix.lower() == ".mcap" else output.with_suffix(".truth.mcap")
+
+
 def shifted(truth: NDArray[np.void], start_us: int) -> NDArray[np.void]:
     """Return `TRUTH` ``[n]`` that counts from the start of the drive on the time scale of its frames."""
     rows = truth.copy()

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
-from scipy.stats import qmc
 
 from dctorque_can.study.plan import CUT, FactorSection, Study
 
@@ -19,6 +17,8 @@ _SCRAMBLING, _NOISE = 0, 1  # purposes of random numbers
 
 def draw(study: Study) -> list[dict[str, float]]:
     """Return the values of the factors per run: nothing for run 0, the nominal car, then those that are drawn."""
+    from scipy.stats import qmc  # takes a second to import; only a study draws
+
     vary, runs = study.vary, study.plan.runs
     random = np.random.default_rng([study.plan.seed, _SCRAMBLING])
     sequence = qmc.Sobol(len(vary), scramble=True, bits=_BITS, seed=random)
@@ -32,6 +32,8 @@ def quantile(section: FactorSection, share: NDArray[np.float64]) -> NDArray[np.f
     if section.uniform is not None:
         low, high = section.limits
         return np.asarray(low + share * (high - low))
+    from scipy.special import ndtr, ndtri
+
     assert section.normal is not None
     inside = ndtr(-CUT) + share * (ndtr(CUT) - ndtr(-CUT))
     return np.asarray(section.normal.mean + section.normal.std * ndtri(inside))

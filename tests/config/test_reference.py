@@ -8,6 +8,7 @@ import yaml
 from pydantic.fields import FieldInfo
 
 from dctorque_can.config import edges, estimation, inputs, signals, vehicle
+from dctorque_can.config.descriptions import field_descriptions
 from dctorque_can.config.load import OPTIONAL_SECTIONS, SECTIONS
 from dctorque_can.config.section import Section
 
@@ -39,7 +40,7 @@ def test_every_key_is_in_the_reference(model: type[Section]) -> None:
         if name in SOURCES | PARTS:
             assert f"`{name}`" in TEXT or f"`{name}: " in TEXT
             continue
-        meaning = (field.description or "").replace("``", "`").strip().rstrip(".")
+        meaning = field_descriptions(model).get(name, "").replace("``", "`").strip().rstrip(".")
         assert meaning, f"{model.__name__}.{name} has no description"
         assert f"| `{name}` | {default(field)} | {meaning} |" in TEXT
 

@@ -1,6 +1,7 @@
 """Every text and binary format against python-can's own readers, which are the rule for what a file says."""
 
 import gzip
+import sys
 import tempfile
 from pathlib import Path
 
@@ -506,6 +507,7 @@ def test_what_is_no_log_is_refused_with_what_would_be_right(tmp_path):
 
 def test_mf4_without_asammdf_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setattr("can.io.mf4.asammdf", None)
+    monkeypatch.setitem(sys.modules, "asammdf", None)
     (tmp_path / "x.mf4").write_bytes(b"MDF " + bytes(100))
     with pytest.raises(LogReadError, match=r"pip install 'dctorque-can\[mf4\]'"):
         open_log(tmp_path / "x.mf4")
