@@ -1,11 +1,13 @@
 """Every text and binary format against python-can's own readers, which are the rule for what a file says."""
 
 import gzip
+import importlib
 import sys
 import tempfile
 from pathlib import Path
 
 import can
+import can.io.mf4
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -505,9 +507,18 @@ def test_what_is_no_log_is_refused_with_what_would_be_right(tmp_path):
         open_log(tmp_path)
 
 
-def test_mf4_without_asammdf_names_the_extra(tmp_path, monkeypatch):
-    monkeypatch.setattr("can.io.mf4.asammdf", None)
+@pytest.fixture
+def _without_asammdf(monkeypatch):
+    """As where it is not installed."""
     monkeypatch.setitem(sys.modules, "asammdf", None)
+    importlib.reload(can.io.mf4)
+    yield
+    monkeypatch.undo()
+    importlib.reload(can.io.mf4)
+
+
+@pytest.mark.usefixtures("_without_asammdf")
+def test_mf4_without_asammdf_names_the_extra(tmp_path):
     (tmp_path / "x.mf4").write_bytes(b"MDF " + bytes(100))
     with pytest.raises(LogReadError, match=r"pip install 'dctorque-can\[mf4\]'"):
         open_log(tmp_path / "x.mf4")
