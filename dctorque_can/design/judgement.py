@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.config.estimation import FASTEST_POLE
 from dctorque_can.design.conditions import checks, limits_of_the_proof
-from dctorque_can.driveline.parameters import STANDARD_GRAVITY
+from dctorque_can.driveline.parameters import STANDARD_GRAVITY, DrivenAxle
 from dctorque_can.estimators.oh2014 import noise_and_lag, stability
 from dctorque_can.estimators.oh2014.driving_conditions import DrivingCondition, driving_conditions
 from dctorque_can.estimators.oh2014.noise_and_lag import SampledErrors, SpeedSensors
