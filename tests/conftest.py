@@ -67,11 +67,15 @@ def sources(package: Path) -> list[Path]:
 
 
 def compiled_code_cache(package: Path) -> Path:
-    """Return a cache directory that belongs to exactly these sources.
+    """Return a cache directory that belongs to exactly these sources and ways to compile them.
 
-    Numba takes cached code for fresh when the function's own file is unchanged, whatever it calls elsewhere.
+    Numba takes cached code for fresh when the function's own file is unchanged, whatever it calls elsewhere, and
+    whether or not indices are checked (`NUMBA_BOUNDSCHECK`).
     """
     digest = hashlib.sha256()
+    for option in ("NUMBA_BOUNDSCHECK", "NUMBA_OPT"):
+        if option in os.environ:
+            digest.update(f"{option}={os.environ[option]}\n".encode())
     for path in sources(package):
         name = path.relative_to(package)
         if name.parts[0] not in NO_COMPILED_CODE:

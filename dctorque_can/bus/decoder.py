@@ -80,7 +80,11 @@ class Decoder:
         return self._can_ids
 
     def decode(self, frames: Frames) -> Samples:
-        """Return the samples of the frames, in their order."""
+        """Return the samples of the frames, in their order.
+
+        Raises:
+            ValueError: the columns of the frames differ in length.
+        """
         return self._decode(
             _plain(frames.t_us),
             _plain(frames.can_id),
@@ -127,6 +131,8 @@ class Decoder:
             *self._static,
             *(t_us, quantity, value, status, last),
         )
+        if n < 0:
+            raise ValueError("the columns of the frames differ in length")
         return Samples(t_us[:n], quantity[:n], value[:n], status[:n], last[:n])
 
 

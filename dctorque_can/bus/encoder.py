@@ -208,6 +208,7 @@ def _bits_of(value: float, signal: Any, scratch: Any) -> np.uint64:
 
 @compiled_without_allocation
 def _write_bits(data: NDArray[np.uint8], i: int, signal: Any, bits: np.uint64) -> None:
+    """Set the bits of a signal, which `layout_problem` holds to its message, the width of ``data``."""
     byte = signal.lsb_byte
     data[i, byte] |= np.uint8((bits << signal.shift) & np.uint64(0xFF))
     position = np.uint64(8) - signal.shift
@@ -243,6 +244,9 @@ def encode_rows(
         row_bits: room for the bits of one payload's signals.
         scratch: room of one row.
         data: uint8 ``[n, length]``.
+
+    Bounds: `MessageEncoder` makes every argument; signals have the columns of ``values`` and the rows of
+    ``row_bits``, conditions point into ``signals`` and ``raws``.
     """
     rule = message[0]
     for i in range(len(values)):

@@ -57,7 +57,10 @@ def _message_of(can_id: int, standard: Table, extended: Table) -> int:
 
 @compiled_without_allocation
 def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
-    """Return the raw bits of a signal."""
+    """Return the raw bits of a signal.
+
+    Bounds: `layout_problem` holds every field to its message, `_check_frame` the message to the frame.
+    """
     byte = field.lsb_byte
     bits = np.uint64(data[i, byte]) >> field.shift
     position = np.uint64(8) - field.shift
@@ -70,7 +73,7 @@ def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
 
 @compiled_without_allocation
 def find_raw(raws: Table, first: int, n: int, bits: np.uint64) -> int:
-    """Return the row of ``raws`` with these bits, -1 for none."""
+    """Return the row of ``raws`` with these bits, -1 for none; ``first`` and ``n`` are those of a table's row."""
     for row in range(first, first + n):
         if raws[row].bits == bits:
             return row
@@ -214,13 +217,22 @@ def decode_frames(
 
     The tables are those of `DecoderTables`; the states and the one row of scratch belong to the caller; the
     outputs have room for every input of every frame.
+
+    Bounds: all indices but the identifier come out of the tables, which `build_tables` makes, and point into them.
+    Identifiers below `N_STANDARD_IDS` are the only ones that are an index. -1 is returned, and nothing is written
+    there, when a column of the frames is shorter than the others, or the outputs have no room.
     """
     n = 0
-    for i in range(len(t_us)):
+    rows = len(t_us)
+    if min(len(can_id), len(length), len(flags), len(data)) < rows:
+        return -1
+    for i in range(rows):
         m = _message_of(can_id[i], standard, extended)
         if m < 0 or flags[i] & IGNORED:
             continue
         message = messages[m]
+        if n + message.n_pairs > len(out_t_us):
+            return -1
         first = n
         frame_status = _check_frame(
             t_us[i], np.int64(length[i]), data, i, message, message_states[m], fields, raws

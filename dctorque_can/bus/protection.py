@@ -85,6 +85,9 @@ def payload_crc(data: NDArray[np.uint8], i: int, rule: Any, counter: np.int64, i
         rule: record with the fields of `CHECKSUM`.
         counter: alive counter of the payload.
         ids: records whose ``bits`` are ids, which ``rule.crc_first_id`` points into.
+
+    Bounds: the caller has found row ``i`` to be as wide as ``rule.length``, to which `protection_problems` holds
+    the CRC's byte. It also holds profile 2 to a counter of 4 bits and an id for each of its values.
     """
     register = rule.crc_start
     for byte in range(rule.length):

@@ -19,6 +19,7 @@ from dctorque_can.logs.text_blocks import (
     HEX,
     IRREGULAR,
     NEW_CHANNEL,
+    NO_ROOM,
     LastLine,
     find_channel,
     parse_hex_bytes,
@@ -76,14 +77,11 @@ class Asc:
             frames.data,
         )
 
-    def channel(self, line: bytes) -> int | str:
+    def channel(self, line: bytes) -> tuple[bytes, int | str]:
         """See `LineFormat.channel`: python-can counts from 0."""
         words = line.split()
-        return int(words[2] if words[1] == b"CANFD" else words[1]) - 1
-
-    def channel_name(self, channel: int | str) -> bytes:
-        """See `LineFormat.channel_name`."""
-        return str(int(channel) + 1).encode()
+        name = words[2] if words[1] == b"CANFD" else words[1]
+        return name, int(name) - 1
 
     def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
         """See `LineFormat.messages`."""
@@ -108,7 +106,7 @@ class Asc:
         if words[1:2] == ["CANFD"]:
             length_at = 8 if len(words) > 5 and words[5].isdigit() else 9
             size = words[length_at : length_at + 1]
-            count = int(size[0]) if size and size[0].isdecimal() else -1
+            count = int(size[0]) if size and size[0].isdecimal() and len(size[0]) <= 2 else -1
         else:
             length_at = 5
             size = words[5:6] if words[4:5] == ["d"] else []
@@ -126,7 +124,7 @@ class Asc:
 
 @compiled
 def _skip(data: NDArray[np.uint8], position: int, end: int) -> int:
-    """Return the first byte after spaces and tabs."""
+    """Return the first byte after spaces and tabs, at most ``end``."""
     while position < end and (data[position] == 32 or data[position] == 9):
         position += 1
     return position
@@ -209,9 +207,16 @@ def _parse(
     channel: NDArray[np.uint8],
     payload: NDArray[np.uint8],
 ) -> tuple[int, int, int]:
+    """Parse lines as `LineFormat.parse` says.
+
+    Bounds: a byte is read at a position only after that was found to be below ``end``, the end of the line; a row
+    is written only below the number of rows, a byte of the payload only below its width.
+    """
     size = len(data)
     while position < size:
         line = position
+        if row >= len(t_us):
+            return line, row, NO_ROOM
         end = line
         odd = False  # a byte that might end a line or be a space for python-can
         while end < size and data[end] != 10:

@@ -6,7 +6,7 @@ The layout is that of ``can.io.blf``, which is the oracle of the tests.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -22,21 +22,23 @@ from can.io.blf import (
     systemtime_to_timestamp,
 )
 
-from dctorque_can.logs.blf_objects import has_fd, read_objects
+from dctorque_can.logs.blf_objects import END_OF_DATA, SMALLEST_FRAME, TOO_NARROW, read_objects
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.pipeline.frames import Frames
 
 _SIGNATURE = b"LOBJ"
 _BASE_SIZE = OBJ_HEADER_BASE_STRUCT.size
-_SMALLEST_OBJECT = 32  # with a header of version 1
 _CONTAINERS_AT_ONCE = 16
+_ROWS_AT_ONCE = 1 << 16
+_LARGEST_CONTAINER = 64 << 20  # packed or unpacked; those of Vector's tools hold 128 kB
+_ENOUGH = 8 << 20  # bytes of containers that are read together at most
+_MOST_PLACES = 20  # damaged places that are told one by one
 
 
 class BlfFrames:
     """The frames of a BLF file.
 
     Attributes:
-        problems: what could not be read, one line each.
         fraction: share of the file that has been read.
     """
 
@@ -44,9 +46,13 @@ class BlfFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
-        self.problems: list[str] = []
         self.fraction = 0.0
         self._size = path.stat().st_size
+        self._places: list[str] = []
+        self._more_places = 0
+        self._objects_left_out = 0
+        self._object_bytes_lost = 0
+        self._cut = False  # the last container was, which has been told
         with path.open("rb") as file:
             head = file.read(FILE_HEADER_STRUCT.size)
         if len(head) < FILE_HEADER_STRUCT.size or head[:4] != b"LOGG":
@@ -55,6 +61,25 @@ class BlfFrames:
         self._start = int(header[1])
         self._start_s = float(systemtime_to_timestamp(cast(TSystemTime, header[14:22])))
 
+    @property
+    def problems(self) -> list[str]:
+        """What could not be read, one line each; complete when the frames have been read."""
+        lines = [f"{self.path}: {place}" for place in self._places]
+        if self._more_places:
+            lines.append(f"{self.path}: {self._more_places} more damaged places")
+        if self._objects_left_out:
+            lines.append(
+                f"{self.path}: {self._objects_left_out} damaged objects in containers are left out "
+                f"({self._object_bytes_lost} bytes lost)"
+            )
+        return lines
+
+    def _note(self, position: int, problem: str) -> None:
+        if len(self._places) < _MOST_PLACES:
+            self._places.append(f"byte {position}: {problem}")
+        else:
+            self._more_places += 1
+
     def close(self) -> None:
         """Nothing stays open."""
 
@@ -62,18 +87,23 @@ class BlfFrames:
         """Yield the frames of some containers at a time; an object may go on in the next container."""
         rest = b""
         waiting: list[bytes] = []
+        size = 0
         with self.path.open("rb") as file:
             for data, follows in self._containers(file):
                 if not follows:  # what the damaged place cut off can not be continued
-                    yield from self._parse(b"".join([rest, *waiting]))[0]
-                    rest, waiting = b"", []
+                    yield from self._parse(b"".join([rest, *waiting]), last=True)
+                    rest, waiting, size = b"", [], 0
                 waiting.append(data)
-                if len(waiting) == _CONTAINERS_AT_ONCE:
-                    frames, rest = self._parse(b"".join([rest, *waiting]))
-                    waiting = []
+                size += len(data)
+                # An object that is not complete yet is not copied again for every few bytes.
+                if (len(waiting) >= _CONTAINERS_AT_ONCE or size > _ENOUGH) and size >= len(rest):
                     self.fraction = file.tell() / self._size
-                    yield from frames
-        yield from self._parse(b"".join([rest, *waiting]))[0]
+                    rest = yield from self._parse(b"".join([rest, *waiting]), last=False)
+                    waiting, size = [], 0
+        rest = yield from self._parse(b"".join([rest, *waiting]), last=True)
+        if len(rest) >= _BASE_SIZE and not self._cut:
+            self._objects_left_out += 1
+            self._object_bytes_lost += len(rest)
         self.fraction = 1.0
 
     def _containers(self, file: BinaryIO) -> Iterator[tuple[bytes, bool]]:
@@ -83,47 +113,45 @@ class BlfFrames:
         while position + _BASE_SIZE <= self._size:
             file.seek(position)
             signature, _, _, size, kind = OBJ_HEADER_BASE_STRUCT.unpack(file.read(_BASE_SIZE))
-            if signature != _SIGNATURE or size < _BASE_SIZE:
+            if signature != _SIGNATURE or not _BASE_SIZE <= size <= _LARGEST_CONTAINER:
                 follows = False
-                position = self._next_container(file, position)
+                following = self._next_container(file, position)
+                self._note(position, f"no container begins here ({following - position} bytes lost)")
+                position = following
                 continue
-            body = file.read(size - _BASE_SIZE)
+            following = position + size + size % 4
             if kind == LOG_CONTAINER:
-                cut = len(body) < size - _BASE_SIZE
-                data = self._inflate(body, position, cut)
-                if data is None:
-                    follows = False
-                else:
+                body = file.read(size - _BASE_SIZE)
+                self._cut = len(body) < size - _BASE_SIZE
+                data = self._inflate(body, position)
+                if data is not None:
                     yield data, follows
-                    follows = not cut
-            position += size + size % 4
-        if self._size - position > 3:
-            self.problems.append(f"{self.path}: byte {position}: the file ends inside a container")
+                follows = data is not None and not self._cut
+                if self._cut:  # or its size is wrong, and others follow
+                    following = self._next_container(file, position)
+            position = following
+        if position > self._size + 3 and position == self._start:
+            self._note(0, f"the header says that the first container begins at byte {position}")
+        elif self._size - position > 3:
+            self._note(position, "the file ends inside a container")
 
     def _next_container(self, file: BinaryIO, position: int) -> int:
-        """Note a damaged place, and return where the next container begins."""
+        """Return where the next container after ``position`` begins, or the size of the file."""
         file.seek(position + 1)
         passed = position + 1
         wanted = _SIGNATURE + b"\x10\0\1\0"
         tail = b""
-        while part := file.read(1 << 20):
+        while part := file.read(1 << 16):
             found = (tail + part).find(wanted)
             if found >= 0:
-                start = passed - len(tail) + found
-                self.problems.append(
-                    f"{self.path}: byte {position}: no container begins here ({start - position} bytes lost)"
-                )
-                return start
+                return passed - len(tail) + found
             passed += len(part)
             tail = (tail + part)[-len(wanted) + 1 :]
-        self.problems.append(
-            f"{self.path}: byte {position}: no container begins here ({self._size - position} bytes lost)"
-        )
         return self._size
 
-    def _inflate(self, body: bytes, position: int, cut: bool) -> bytes | None:
+    def _inflate(self, body: bytes, position: int) -> bytes | None:
         if len(body) < LOG_CONTAINER_STRUCT.size:
-            self.problems.append(f"{self.path}: byte {position}: the file ends inside a container")
+            self._note(position, "a container is too small or cut off")
             return None
         method, size = LOG_CONTAINER_STRUCT.unpack_from(body)
         packed = body[LOG_CONTAINER_STRUCT.size :]
@@ -131,33 +159,32 @@ class BlfFrames:
             data = packed
         elif method == ZLIB_DEFLATE:
             try:
-                data = zlib.decompressobj().decompress(packed)
+                data = zlib.decompressobj().decompress(packed, _LARGEST_CONTAINER + 1)
             except zlib.error as error:
-                self.problems.append(f"{self.path}: byte {position}: a damaged container is left out: {error}")
+                self._note(position, f"a damaged container is left out: {error}")
                 return None
         else:
-            self.problems.append(
-                f"{self.path}: byte {position}: a container is compressed in an unknown way ({method})"
+            self._note(position, f"a container is compressed in an unknown way ({method})")
+            return None
+        if len(data) > _LARGEST_CONTAINER:
+            self._note(
+                position, f"a container is left out: it unpacks to more than {_LARGEST_CONTAINER >> 20} MiB"
             )
             return None
-        if cut or len(data) < size:
-            self.problems.append(
-                f"{self.path}: byte {position}: a container is cut off: {len(data)} of {size} bytes are there"
-            )
+        if self._cut or len(data) < size:
+            self._note(position, f"a container is cut off: {len(data)} of {size} bytes are there")
         return data
 
-    def _parse(self, data: bytes) -> tuple[list[Frames], bytes]:
-        """Return the frames of whole objects, and the bytes of the last object, which is not complete."""
-        parts: list[Frames] = []
+    def _parse(self, data: bytes, last: bool) -> Generator[Frames, None, bytes]:
+        """Yield the frames of whole objects; return the bytes of the last object, which is not complete."""
         array = np.frombuffer(data, np.uint8)
-        position = 0
-        while position < len(data):
-            capacity = (len(data) - position) // _SMALLEST_OBJECT + 1
-            wide = has_fd(array, position)
-            frames = Frames.empty(capacity, 64 if wide else 8)
-            row, end, sound = read_objects(
+        position, width, ended = 0, 8, TOO_NARROW
+        while ended != END_OF_DATA:
+            frames = Frames.empty(min((len(data) - position) // SMALLEST_FRAME + 1, _ROWS_AT_ONCE), width)
+            row, position, ended, left_out, lost = read_objects(
                 array,
                 position,
+                last,
                 self._start_s,
                 frames.t_us,
                 frames.can_id,
@@ -166,12 +193,10 @@ class BlfFrames:
                 frames.channel,
                 frames.data,
             )
-            parts.append(frames[:row])
-            if sound:
-                return parts, data[end:]
-            position = data.find(_SIGNATURE, end + 1)
-            position = len(data) if position < 0 else position
-            self.problems.append(
-                f"{self.path}: a damaged object in a container is left out ({position - end} bytes lost)"
-            )
-        return parts, b""
+            if ended == TOO_NARROW:
+                width = 64
+            self._objects_left_out += left_out
+            self._object_bytes_lost += lost
+            if row:
+                yield frames[:row]
+        return data[position:]

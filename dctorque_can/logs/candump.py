@@ -16,6 +16,7 @@ from dctorque_can.logs.text_blocks import (
     IRREGULAR,
     LONGEST_NAME,
     NEW_CHANNEL,
+    NO_ROOM,
     LastLine,
     find_channel,
     parse_hex_bytes,
@@ -61,14 +62,10 @@ class Candump:
             frames.data,
         )
 
-    def channel(self, line: bytes) -> int | str:
+    def channel(self, line: bytes) -> tuple[bytes, int | str]:
         """See `LineFormat.channel`."""
-        name = line.split()[1].decode("utf-8", "replace")
-        return int(name) if name.isdigit() else name
-
-    def channel_name(self, channel: int | str) -> bytes:
-        """See `LineFormat.channel_name`."""
-        return str(channel).encode()
+        name = line.split()[1]
+        return name, int(name) if name.isdigit() else name.decode("ascii")
 
     def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
         """See `LineFormat.messages`."""
@@ -105,9 +102,16 @@ def _parse(
     channel: NDArray[np.uint8],
     payload: NDArray[np.uint8],
 ) -> tuple[int, int, int]:
+    """Parse lines as `LineFormat.parse` says.
+
+    Bounds: a byte is read at a position only after that was found to be below ``end``, the end of the line; a row
+    is written only below the number of rows, a byte of the payload only below its width.
+    """
     size = len(data)
     while position < size:
         line = position
+        if row >= len(t_us):
+            return line, row, NO_ROOM
         end = line
         while end < size and data[end] != 10:
             end += 1

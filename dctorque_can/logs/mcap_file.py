@@ -32,6 +32,8 @@ from dctorque_can.logs.mcap_layout import RECORD_HEAD
 
 _CHUNK_HEAD = 40  # record head, three u64, crc u32, and the size of the compression's name
 _FOOTER_SIZE = RECORD_HEAD + 20
+_LARGEST_CHUNK = 256 << 20  # unpacked; recorders write 1 to 10 MiB
+_PIECE = 4096  # of packed data: 4 bytes can stand for 128 kB
 _MESSAGE = int(Opcode.MESSAGE)
 _MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
 
@@ -244,13 +246,8 @@ class McapFile:
         compression = self._map[start + 41 : name_end].decode("ascii", "replace")
         packed = self._map[name_end + 8 : end]
         try:
-            if compression == "lz4":
-                data = lz4.frame.LZ4FrameDecompressor().decompress(packed)
-            elif compression == "zstd":
-                data = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
-            else:
-                data = packed if compression == "" else b""
-        except (RuntimeError, zstandard.ZstdError):
+            data = _decompress_cut(compression, packed)
+        except (RuntimeError, zstandard.ZstdError, MemoryError):
             return None
         return np.frombuffer(data, np.uint8)
 
@@ -260,13 +257,42 @@ class McapFile:
 
 
 def _decompress(chunk: Chunk) -> bytes:
-    if chunk.compression == "lz4":
-        return cast(bytes, lz4.frame.decompress(chunk.data))
-    if chunk.compression == "zstd":
-        return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+    """Return the records of a chunk, at most `_LARGEST_CHUNK` bytes, whatever the chunk says of its size."""
     if chunk.compression == "":
         return chunk.data
-    raise DamagedRecordError(f"a chunk is compressed as {chunk.compression!r}; lz4, zstd and none are known")
+    if chunk.compression == "lz4":
+        told = min(chunk.uncompressed_size, _LARGEST_CHUNK)
+        for most in (told, _LARGEST_CHUNK):  # few chunks are larger than they say
+            unpacking = lz4.frame.LZ4FrameDecompressor()
+            data: bytes = unpacking.decompress(chunk.data, most + 1)
+            if unpacking.eof and len(data) <= most:
+                return data
+            if len(data) <= most:
+                raise DamagedRecordError("a chunk can not be decompressed")
+    elif chunk.compression == "zstd":
+        told = zstandard.frame_content_size(chunk.data)
+        if told <= _LARGEST_CHUNK:  # -1: the frame does not say; then no more is unpacked than the chunk says
+            return zstandard.ZstdDecompressor().decompress(
+                chunk.data, max_output_size=min(chunk.uncompressed_size, _LARGEST_CHUNK)
+            )
+    else:
+        raise DamagedRecordError(f"a chunk is compressed as {chunk.compression!r}; lz4, zstd and none are known")
+    raise DamagedRecordError(f"a chunk unpacks to more than {_LARGEST_CHUNK >> 20} MiB")
+
+
+def _decompress_cut(compression: str, packed: bytes) -> bytes:
+    """Return what can be had of data that are cut off."""
+    if compression == "lz4":
+        return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(packed, _LARGEST_CHUNK))
+    if compression == "zstd":
+        unpacking = zstandard.ZstdDecompressor().decompressobj()
+        data = bytearray()
+        for start in range(0, len(packed), _PIECE):
+            data += unpacking.decompress(packed[start : start + _PIECE])
+            if len(data) > _LARGEST_CHUNK or unpacking.eof:
+                break
+        return bytes(data)
+    return packed if compression == "" else b""
 
 
 def _parse(kind: type[_Readable[R]], record: bytes) -> R:
@@ -282,7 +308,10 @@ def _u64(data: mmap.mmap, position: int) -> int:
 
 @compiled
 def _skip_messages(data: NDArray[np.uint8], position: int) -> int:
-    """Return where the first whole record that is neither message nor message index begins, or ends whole."""
+    """Return where the first whole record that is neither message nor message index begins, or ends whole.
+
+    Bounds: a head is read only where it is whole; the position never passes the end of the data.
+    """
     while position + RECORD_HEAD <= len(data):
         if data[position] != _MESSAGE and data[position] != _MESSAGE_INDEX:
             break

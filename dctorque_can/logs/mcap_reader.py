@@ -28,7 +28,7 @@ from dctorque_can.logs.table import Table, unpack_stamp
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
 _HEAD = RECORD_HEAD + MESSAGE_HEAD
-_MESSAGE = int(Opcode.MESSAGE)
+_SCHEMA, _CHANNEL, _MESSAGE = int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)
 _CLASSIC, _FD = 1, 2
 _CHANNELS = 1 << 16
 _EXTENDED = int(EXTENDED_ID)
@@ -125,18 +125,24 @@ class McapFrames:
                 self._flags[number] = DIRECTION_FLAGS[direction]
 
 
-def message_spans(file: McapFile, records: NDArray[np.uint8]) -> Iterator[tuple[int, int]]:
-    """Yield where in ``records`` messages stand in a row; definitions between them go to ``file``."""
+def message_spans(file: McapFile, records: NDArray[np.uint8], cut: bool = False) -> Iterator[tuple[int, int]]:
+    """Yield where in ``records`` messages stand in a row; definitions between them go to ``file``.
+
+    A record that can not be whole ends them, and what is lost is noted, unless they are known to be ``cut`` off.
+    """
     position = 0
     while position < len(records):
         end = int(_messages_end(records, position))
         if end > position:
             yield position, end
-        position = end
-        if position + RECORD_HEAD > len(records):
-            break
-        after = position + RECORD_HEAD + int(little_endian(records, position + 1, 8))
-        if not position < after <= len(records):
+        position = int(_skip_unknown(records, end))
+        if position > end or position == len(records):
+            continue
+        after = int(_record_end(records, position))
+        if after < 0:
+            if not cut:
+                lost = len(records) - position
+                file.lost.append(Lost(file.position, lost, "in the chunk before it a record is damaged"))
             break
         try:
             file.definitions.learn(records[position:after].tobytes())
@@ -198,18 +204,50 @@ def _same_layout(path: Path, stored: Table, wanted: Table | str) -> Table:
 
 
 @compiled
+def _record_end(data: NDArray[np.uint8], position: int) -> int:
+    """Return where the record at ``position`` ends; -1 if it is damaged or goes on beyond the data."""
+    if position + RECORD_HEAD > len(data) or data[position] == 0:
+        return -1
+    length = little_endian(data, position + 1, 8)
+    if length < 0 or length > len(data) - position - RECORD_HEAD:
+        return -1
+    if data[position] == _MESSAGE and length < MESSAGE_HEAD:
+        return -1
+    return position + RECORD_HEAD + length
+
+
+@compiled
 def _messages_end(data: NDArray[np.uint8], position: int) -> int:
-    """Return where the row of whole message records that begins at ``position`` ends."""
-    while position + _HEAD <= len(data) and data[position] == _MESSAGE:
-        length = little_endian(data, position + 1, 8)
-        if length < MESSAGE_HEAD or length > len(data) - position - RECORD_HEAD:
+    """Return where the row of whole message records that begins at ``position`` ends.
+
+    What lies between is safe to read for the loops below: each record is as long as it says, a message head at
+    least, and the last one ends with the row.
+    """
+    while position < len(data) and data[position] == _MESSAGE:
+        end = _record_end(data, position)
+        if end < 0:
             break
-        position += RECORD_HEAD + length
+        position = end
+    return position
+
+
+@compiled
+def _skip_unknown(data: NDArray[np.uint8], position: int) -> int:
+    """Return where the first whole record from ``position`` on is a message, defines something, or is damaged."""
+    while position < len(data) and data[position] not in (_MESSAGE, _SCHEMA, _CHANNEL):
+        end = _record_end(data, position)
+        if end < 0:
+            break
+        position = end
     return position
 
 
 @compiled
 def _count_messages(data: NDArray[np.uint8], wanted: NDArray[np.bool_], size: int) -> int:
+    """Return the number of messages of the wanted channels that have payloads of ``size`` bytes.
+
+    Bounds: ``data`` are whole messages (`_messages_end`); ``wanted`` has a place for every channel number.
+    """
     count = 0
     position = 0
     while position < len(data):
@@ -227,11 +265,14 @@ def _gather(
     payload: NDArray[np.uint8],
     times: NDArray[np.uint64],
 ) -> None:
-    """Copy the payloads (uint8 ``[n, size]``) and log times of the wanted channels."""
+    """Copy the payloads (uint8 ``[n, size]``) and log times of the wanted channels.
+
+    Bounds: as `_count_messages`; a payload has exactly ``size`` bytes, and no row is written beyond the ``n``-th.
+    """
     row = 0
     position = 0
     size = payload.shape[1]
-    while position < len(data):
+    while position < len(data) and row < len(times):
         length = little_endian(data, position + 1, 8)
         if wanted[little_endian(data, position + RECORD_HEAD, 2)] and length == MESSAGE_HEAD + size:
             payload[row] = data[position + _HEAD : position + _HEAD + size]
@@ -242,7 +283,10 @@ def _gather(
 
 @compiled
 def _count_frames(data: NDArray[np.uint8], kind: NDArray[np.uint8]) -> tuple[int, int]:
-    """Return the number of frame messages, and 64 if there is a CAN FD one among them, else 8."""
+    """Return the number of frame messages, and 64 if there is a CAN FD one among them, else 8.
+
+    Bounds: as `_count_messages`.
+    """
     count = 0
     longest = 8
     position = 0
@@ -271,10 +315,14 @@ def _read_frames(
     channel: NDArray[np.uint8],
     payload: NDArray[np.uint8],
 ) -> int:
-    """Fill the columns from all frame messages that are sound, and return how many are."""
+    """Fill the columns from all frame messages that are sound, and return how many are.
+
+    Bounds: as `_count_messages`; every byte of a payload is read only after its place was found to lie before the
+    end of its record; no row is written beyond the last one, no byte beyond the width of the payload.
+    """
     row = 0
     position = 0
-    while position < len(data):
+    while position < len(data) and row < len(times):
         end = position + RECORD_HEAD + little_endian(data, position + 1, 8)
         mcap_channel = little_endian(data, position + RECORD_HEAD, 2)
         start = position + _HEAD + 4  # after the encapsulation header, from where CDR aligns
@@ -308,7 +356,7 @@ def _read_frames(
                         flag |= _FLAG_SWITCH
                     if data[at + 9] != 0:
                         flag |= _FLAG_STATE
-                length[row] = min(size, longest)
+                length[row] = min(size, longest, payload.shape[1])
                 flags[row] = flag
                 if flag & _FLAG_REMOTE == 0:
                     for i in range(length[row]):

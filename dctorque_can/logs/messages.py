@@ -12,6 +12,7 @@ from can.util import channel2int
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
 ID_MASK = 0x1FFF_FFFF
+_LONGEST_NAME = 255
 _MAX_S = 9e12
 _MAX_T_US = 9_000_000_000_000_000_000
 _EXTENDED = int(EXTENDED_ID)
@@ -32,17 +33,22 @@ class ChannelNumbers:
 
     def __init__(self) -> None:
         self.names: dict[Channel | None, int] = {}
+        self._taken: set[int] = set()
 
     def __getitem__(self, channel: Channel | None) -> int:
         """Return the index of ``channel``; 0 for None. Two names never share an index (up to 255)."""
         known = self.names.get(channel)
         if known is not None:
             return known
-        wanted = 0 if channel is None else channel2int(channel)
-        taken = set(self.names.values()) if isinstance(channel, str) else set()
-        if wanted is None or wanted in taken:
-            wanted = next((number for number in range(255) if number not in taken), 255)
+        is_name = isinstance(channel, str)
+        if channel is None:
+            wanted: int | None = 0
+        else:  # of a longer name the number at its end may have more digits than Python converts
+            wanted = None if isinstance(channel, str) and len(channel) > _LONGEST_NAME else channel2int(channel)
+        if wanted is None or (is_name and wanted in self._taken):
+            wanted = next((number for number in range(255) if number not in self._taken), 255)
         self.names[channel] = min(max(wanted, 0), 255)
+        self._taken.add(self.names[channel])
         return self.names[channel]
 
 

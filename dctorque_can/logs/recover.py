@@ -75,7 +75,7 @@ def recover(path: Path | str, out: Path | str, progress: Callable[[float], None]
         before = copy.messages
         tail = source.broken_tail()
         if tail is not None:
-            copy.take(tail)
+            copy.take(tail, cut=True)
         target.add_metadata(
             "recovered", {"from": path.name} | {str(i): str(lost) for i, lost in enumerate(source.lost)}
         )
@@ -102,8 +102,8 @@ class _Copy:
         self._channels = np.zeros(1 << 16, np.uint16)
         self._schemas: dict[int, int] = {0: 0}
 
-    def take(self, records: NDArray[np.uint8]) -> None:
-        for start, end in message_spans(self._source, records):
+    def take(self, records: NDArray[np.uint8], cut: bool = False) -> None:
+        for start, end in message_spans(self._source, records, cut):
             self._define()
             span = records[start:end].copy()
             size = len(span) // _SMALLEST
@@ -142,12 +142,15 @@ def _renumber(
     """Give the records their new channel ids in place, closing the gaps of those that have none.
 
     Returns the number of messages kept, of those left out, and of bytes kept.
+
+    Bounds: ``data`` are whole messages (`message_spans`), ``numbers`` has a place for every channel number, and
+    the bytes kept never overtake those read. No row is written beyond the last one: each has `_SMALLEST` bytes.
     """
     row = 0
     unknown = 0
     position = 0
     kept = 0
-    while position < len(data):
+    while position < len(data) and row < len(times):
         size = RECORD_HEAD + little_endian(data, position + 1, 8)
         channel = numbers[little_endian(data, position + RECORD_HEAD, 2)]
         if channel == 0:

@@ -91,7 +91,10 @@ class Table:
                 f"topic {topic}: messages of type {type_name} are no table; "
                 "a table has a time stamp and then numbers of fixed size"
             )
-        return cls(topic, type_name, np.dtype(fields, align=True))
+        try:
+            return cls(topic, type_name, np.dtype(fields, align=True))
+        except (ValueError, OverflowError, MemoryError) as error:  # two fields of one name, an array of 10^20
+            raise LogReadError(f"topic {topic}: the fields of {type_name} make no table: {error}") from error
 
     @cached_property
     def ros_names(self) -> dict[str, str]:

@@ -22,11 +22,14 @@ from dctorque_can.pipeline.frames import Frames
 
 BLOCK_SIZE = 4 << 20
 LONGEST_NAME = 16
+_LONGEST_LINE = 1 << 20
+_MOST_NAMES = 256  # more channels than `Frames` can tell apart are left to python-can
 _MOST_LINES = 4096
+_ROWS_AT_ONCE = 1 << 16
 _GZIP = 31  # zlib's word for a gzip header
 
 # What a compiled parser stopped for.
-END_OF_BLOCK, IRREGULAR, NEW_CHANNEL = 0, 1, 2
+END_OF_BLOCK, IRREGULAR, NEW_CHANNEL, NO_ROOM = 0, 1, 2, 3
 
 HEX = np.full(256, 255, np.uint8)
 HEX[np.frombuffer(b"0123456789", np.uint8)] = np.arange(10)
@@ -67,7 +70,7 @@ class LineFormat(Protocol):
             data: the block.
             position: where a line begins.
             row: next free row.
-            frames: columns with enough rows.
+            frames: columns; no row is written beyond their end, no byte beyond the width of their data.
             names: uint8 ``[k, LONGEST_NAME]``, known channel names, padded with zeros.
             numbers: uint8 ``[k]``, their indices.
 
@@ -75,11 +78,11 @@ class LineFormat(Protocol):
             Position and row reached, and why it stopped (then the position is the beginning of that line).
         """
 
-    def channel(self, line: bytes) -> int | str:
-        """Return the channel of a line whose channel is not among the names, as python-can gives it."""
+    def channel(self, line: bytes) -> tuple[bytes, int | str]:
+        """Return the channel of a line whose channel is not among the names.
 
-    def channel_name(self, channel: int | str) -> bytes:
-        """Return the name that ``parse`` compares with the line."""
+        First its name in the line, at most `LONGEST_NAME` bytes, then the channel as python-can gives it.
+        """
 
     def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
         """Return the messages of python-can for some lines, and the lines that it can not read."""
@@ -127,23 +130,35 @@ class TextFrames:
     def frames(self) -> Iterator[Frames]:
         """Yield the frames block by block."""
         for block in self._blocks():
-            frames = self._parse(block)
-            if len(frames):
-                yield frames
+            yield from self._parse(block)
+            self._line += block.count(b"\n")
         self.fraction = 1.0
 
     def _blocks(self) -> Iterator[bytes]:
         """Yield blocks that end with a line end, but for the last one."""
         rest = b""
         ends_lines = False
+        too_long = False  # the line that goes on is, and is left out
         for part in self._bytes():
+            if too_long:
+                start = part.find(b"\n") + 1
+                if not start:
+                    continue
+                too_long, part = False, part[start:]
+                self._line += 1
             cut = part.rfind(b"\n") + 1
-            if cut == 0:
+            if not cut and len(rest) > _LONGEST_LINE:
+                cut = part.rfind(b"\r", 0, len(part) - 1) + 1  # the line end of a Macintosh
+                if not cut:
+                    self._count_bad_lines(1, self._line, rest[:60].decode("utf-8", "replace"))
+                    rest, too_long = b"", True
+                    continue
+            if cut:
+                ends_lines = True
+                yield rest + part[:cut]
+                rest = part[cut:]
+            else:
                 rest += part
-                continue
-            ends_lines = True
-            yield rest + part[:cut]
-            rest = part[cut:]
         if rest and not (ends_lines and self._cut_off(rest)):
             yield rest
 
@@ -169,34 +184,44 @@ class TextFrames:
                 self.fraction = file.tell() / max(self._size, 1)
                 while zipped and part:
                     try:
-                        yield inflate.decompress(part)
+                        yield inflate.decompress(part, BLOCK_SIZE)  # never more at once, whatever it unpacks to
                     except zlib.error as error:
                         self._problems.append(f"{self.path}: compressed data are damaged: {error}")
                         return
-                    part = inflate.unused_data
+                    part = inflate.unconsumed_tail or inflate.unused_data
                     if inflate.eof and part:
                         inflate = zlib.decompressobj(_GZIP)
                 if not zipped:
                     yield part
         if zipped and not inflate.eof:
+            yield inflate.flush()
             self._problems.append(f"{self.path}: the compressed file is cut off")
 
-    def _parse(self, block: bytes) -> Frames:
+    def _parse(self, block: bytes) -> Iterator[Frames]:
         data = np.frombuffer(block, np.uint8)
         lines = block.count(b"\n") + block.count(b"\r") + 1
-        frames = Frames.empty(lines, self._width(block))
+        width = self._width(block)
+        frames = Frames.empty(min(lines, _ROWS_AT_ONCE), width)
         position, row, region = 0, 0, 1
         while position < len(data):
             start = position
             position, row, status = self._format.parse(data, position, row, frames, self._names, self._numbers)
             if status == END_OF_BLOCK:
                 break
-            region = 1 if position > start else min(2 * region, _MOST_LINES)
-            end = _lines_end(data, position, 1 if status == NEW_CHANNEL else region)
-            if status == NEW_CHANNEL:
-                self._learn_channel(self._format.channel(block[position:end]))
+            if status == NO_ROOM:
+                yield frames[:row]
+                frames, row = Frames.empty(len(frames), width), 0
                 continue
+            if status == NEW_CHANNEL and len(self._names) < _MOST_NAMES:
+                end = _lines_end(data, position, 1)
+                self._learn_channel(*self._format.channel(block[position:end]))
+                continue
+            region = 1 if position > start else min(2 * region, _MOST_LINES)
+            end = _lines_end(data, position, region)
             part = self._by_python_can(block[position:end], block, position)
+            if row + len(part) > len(frames):
+                yield frames[:row]
+                frames, row = Frames.empty(max(len(frames), len(part)), width), 0
             if part.data.shape[1] > frames.data.shape[1]:
                 frames = Frames.concatenate([frames, Frames.empty(0, part.data.shape[1])])
             stop = row + len(part)
@@ -204,32 +229,36 @@ class TextFrames:
                 getattr(frames, name)[row:stop] = getattr(part, name)
             frames.data[row:stop, : part.data.shape[1]] = part.data
             position, row = end, stop
-        self._line += block.count(b"\n")
-        return frames[:row]
+        if row:
+            yield frames[:row]
 
     @staticmethod
     def _width(block: bytes) -> int:
         return 64 if b"##" in block or b"CANFD" in block else 8
 
-    def _learn_channel(self, channel: int | str) -> None:
+    def _learn_channel(self, name: bytes, channel: int | str) -> None:
         number = self._channels[channel]
-        name = self._format.channel_name(channel).ljust(LONGEST_NAME, b"\0")
-        self._names = np.concatenate([self._names, np.frombuffer(name, np.uint8)[None, :]])
+        padded = np.frombuffer(name.ljust(LONGEST_NAME, b"\0"), np.uint8)
+        self._names = np.concatenate([self._names, padded[None, :]])
         self._numbers = np.append(self._numbers, np.uint8(number))
 
     def _by_python_can(self, lines: bytes, block: bytes, position: int) -> Frames:
-        messages, bad = self._format.messages(lines.decode("utf-8", "replace"))
-        if bad and not self._bad_lines:
-            before = lines.decode("utf-8", "replace").split(bad[0])[0].count("\n")
-            number = self._line + block.count(b"\n", 0, position) + before
-            self._first_bad_line = f"line {number}: {bad[0].strip()[:60]!r}"
-        self._bad_lines += len(bad)
+        text = lines.decode("utf-8", "replace")
+        messages, bad = self._format.messages(text)
+        if bad:
+            before = 0 if self._bad_lines else block.count(b"\n", 0, position) + text.split(bad[0])[0].count("\n")
+            self._count_bad_lines(len(bad), self._line + before, bad[0])
         return frames_from_messages(messages, self._channels)
+
+    def _count_bad_lines(self, count: int, number: int, first: str) -> None:
+        if not self._bad_lines:
+            self._first_bad_line = f"line {number}: {first.strip()[:60]!r}"
+        self._bad_lines += count
 
 
 @compiled
 def _lines_end(data: NDArray[np.uint8], position: int, count: int) -> int:
-    """Return where ``count`` lines from ``position`` on end."""
+    """Return where ``count`` lines from ``position`` on end, at most the end of the data."""
     while position < len(data):
         if data[position] == 10:
             count -= 1
@@ -244,7 +273,8 @@ def parse_time(data: NDArray[np.uint8], position: int, end: int) -> tuple[int, i
     """Return µs of the decimal seconds at ``position``, and where they end; -1 unless in the plain form.
 
     Digits, a point, digits, together less than 2^53, so that the division gives exactly the float of the text:
-    the same number that python-can gives, rounded to µs in the same way.
+    the same number that python-can gives, rounded to µs in the same way. Bounds: reads below ``end``; at most 17
+    characters, so that the number does not overflow and 10^k stands in the table.
     """
     mantissa = 0
     first = position
@@ -265,7 +295,7 @@ def parse_time(data: NDArray[np.uint8], position: int, end: int) -> tuple[int, i
 
 @compiled
 def find_channel(data: NDArray[np.uint8], start: int, end: int, names: NDArray[np.uint8]) -> int:
-    """Return which of ``names`` stands at ``start`` to ``end``, or -1."""
+    """Return which of ``names`` stands at ``start`` to ``end``, or -1. A longer name than these can be is none."""
     size = end - start
     for k in range(len(names)):
         same = size <= names.shape[1] and (size == names.shape[1] or names[k, size] == 0)
@@ -282,8 +312,12 @@ def find_channel(data: NDArray[np.uint8], start: int, end: int, names: NDArray[n
 def parse_hex_bytes(
     data: NDArray[np.uint8], position: int, end: int, gap: int, out: NDArray[np.uint8], most: int
 ) -> tuple[int, int]:
-    """Read pairs of hexadecimal digits, ``gap`` spaces between them; return how many and where they end."""
+    """Read pairs of hexadecimal digits, ``gap`` spaces between them; return how many and where they end.
+
+    Bounds: reads below ``end``, writes at most ``most`` bytes, and no more than ``out`` has room for.
+    """
     count = 0
+    most = min(most, len(out))
     while count < most and position + 1 < end:
         high, low = HEX[data[position]], HEX[data[position + 1]]
         if high == 255 or low == 255:

@@ -52,6 +52,14 @@ def damaged_traffic(seed):
     return frames[np.sort(rng.choice(n, n))]  # some lost, some twice
 
 
+@pytest.mark.parametrize("column", ["can_id", "length", "flags", "data"])
+def test_columns_of_other_lengths_are_refused(column):
+    """The compiled loop would read behind the shorter one."""
+    frames = damaged_traffic(0)
+    with pytest.raises(ValueError, match="the columns of the frames differ in length"):
+        demo_decoder().decode(replace(frames, **{column: getattr(frames, column)[:1]}))
+
+
 @settings(max_examples=60)
 @given(st.integers(0, 10**6), st.data())
 def test_random_cuts_give_identical_bits(seed, data):
