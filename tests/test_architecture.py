@@ -212,6 +212,7 @@ def test_files_have_one_reason_and_a_name_that_says_it() -> None:
         ("pipeline/x.py", "import numpy as np\nnp.random.default_rng()"),
         ("bus/x.py", "from dctorque_can.pipeline.estimator import Estimator"),
         ("logs/x.py", "import dctorque_can.bus.decoder"),
+        ("logs/mcap/x.py", "from dctorque_can.config import model"),
         ("simulation/x.py", "from dctorque_can.estimators import methods"),
         ("config/x.py", "from dctorque_can.estimators.oh2014.observer import step"),
         ("daemon/x.py", "from dctorque_can.cli import main"),

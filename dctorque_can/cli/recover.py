@@ -27,7 +27,7 @@ def recover(
     """
     from dataclasses import asdict
 
-    from dctorque_can.logs import recover as recovery
+    from dctorque_can.logs.mcap import recover as recovery
     from dctorque_can.logs.output_file import refuse_existing
 
     out = output or log.with_suffix(".recovered.mcap")

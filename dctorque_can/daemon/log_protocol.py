@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.logs.table import Table
+from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH
 from dctorque_can.pipeline.frames import Frames
 

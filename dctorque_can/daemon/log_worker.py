@@ -23,9 +23,9 @@ import numpy as np
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_protocol import Kind, MessageSplitter, read_frames, read_table_rows
 from dctorque_can.errors import DctorqueError
-from dctorque_can.logs.mcap_layout import EventLevel
-from dctorque_can.logs.mcap_writer import McapLog
-from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
+from dctorque_can.logs.mcap.layout import EventLevel
+from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.pipeline.estimates import ESTIMATE
 from dctorque_can.pipeline.estimates import HEALTH as HEALTH_ROW
 

@@ -16,8 +16,8 @@ from dctorque_can.daemon.log_protocol import (
     json_message,
     table_message,
 )
-from dctorque_can.logs.mcap_layout import EventLevel
-from dctorque_can.logs.table import Table
+from dctorque_can.logs.mcap.layout import EventLevel
+from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.frames import Frames
 

@@ -22,9 +22,9 @@ from dctorque_can.daemon.log_process import LogCounts, LogProcess
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
 from dctorque_can.daemon.systemd import Systemd
-from dctorque_can.logs.mcap_layout import EventLevel
+from dctorque_can.logs.mcap.layout import EventLevel
+from dctorque_can.logs.mcap.table import Table
 from dctorque_can.logs.messages import frames_from_messages
-from dctorque_can.logs.table import Table
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
 RECEIVE_TIMEOUT_S = 0.1

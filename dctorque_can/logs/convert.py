@@ -10,7 +10,7 @@ import can
 from dctorque_can.logs.errors import LogWriteError
 from dctorque_can.logs.formats import FORMATS
 from dctorque_can.logs.late_asammdf import give_asammdf
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.pipeline.frames import Frames
 

@@ -16,8 +16,8 @@ import can
 
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.late_asammdf import give_asammdf
-from dctorque_can.logs.lines import Lines, each_message, warnings_of
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.logs.text.lines import Lines, each_message, warnings_of
 from dctorque_can.pipeline.frames import Frames
 
 _BATCH = 10_000

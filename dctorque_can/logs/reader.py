@@ -7,13 +7,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from dctorque_can.logs.asc import Asc
-from dctorque_can.logs.blf import BlfFrames
-from dctorque_can.logs.candump import Candump
+from dctorque_can.logs.blf.file import BlfFrames
 from dctorque_can.logs.formats import checked_format
-from dctorque_can.logs.mcap_reader import McapFrames
+from dctorque_can.logs.mcap.reader import McapFrames
 from dctorque_can.logs.python_can import PythonCanFrames, PythonCanTextFrames
-from dctorque_can.logs.text_blocks import TextFrames
+from dctorque_can.logs.text.asc import Asc
+from dctorque_can.logs.text.blocks import TextFrames
+from dctorque_can.logs.text.candump import Candump
 from dctorque_can.pipeline.frames import Frames
 
 

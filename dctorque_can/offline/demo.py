@@ -20,9 +20,9 @@ from dctorque_can.daemon.link import open_bus
 from dctorque_can.daemon.log_plan import LogFolder, LogPlan
 from dctorque_can.daemon.service import Service, Summary
 from dctorque_can.errors import DctorqueError
-from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.table import ESTIMATES
 from dctorque_can.logs.messages import message_from_frame
-from dctorque_can.logs.table import ESTIMATES
 from dctorque_can.offline.simulated_car import SimulatedDrive
 from dctorque_can.offline.truth_log import TRUTHS
 

@@ -19,10 +19,10 @@ from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.errors import LogReadError
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.output_file import remove_partial
 from dctorque_can.logs.reader import LogReader
-from dctorque_can.logs.table import ESTIMATES, HEALTH, Table
 from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
 from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dctorque_can.config.load import Config
 from dctorque_can.driveline.parameters import DrivenAxle, Vehicle
 from dctorque_can.logs.convert import write_frames
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.offline.truth_log import shifted, truth_path, write_truth
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate

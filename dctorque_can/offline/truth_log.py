@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.logs.mcap_reader import read_table
-from dctorque_can.logs.mcap_writer import McapLog
-from dctorque_can.logs.table import Table
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.table import Table
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.simulation.truth import TRUTH
 
 TRUTHS = Table("/dctorque/truth", "dctorque_msgs/msg/Truth", TRUTH)

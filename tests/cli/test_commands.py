@@ -13,9 +13,9 @@ import pytest
 
 from dctorque_can import __version__
 from dctorque_can.logs.convert import write_frames
-from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES, HEALTH
 from dctorque_can.pipeline.estimates import SENSORS
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from dctorque_can.daemon.link import open_bus
-from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.table import ESTIMATES
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 from dctorque_can.resources import shipped_config, shipped_dbc
 

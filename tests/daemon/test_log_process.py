@@ -165,7 +165,7 @@ def test_a_log_that_cannot_be_created_is_one_clear_error(config: Config) -> None
 
 
 def test_decoded_signals_are_written_on_request(config: Config, folder: Path, drive: object) -> None:
-    from dctorque_can.logs.mcap_reader import read_table
+    from dctorque_can.logs.mcap.reader import read_table
 
     plan = plan_for(config, folder / "x.mcap")
     process = LogProcess(LogPlan(plan.folder, 0.2, 0, 0, True, {}), config.documents)

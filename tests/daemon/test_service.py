@@ -18,10 +18,10 @@ from dctorque_can.daemon.link import BusError, BusLink
 from dctorque_can.daemon.log_plan import plan_for
 from dctorque_can.daemon.service import Service, Summary
 from dctorque_can.logs.convert import write_frames
-from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES, HEALTH
 from dctorque_can.offline.playback import Player
 from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
 from dctorque_can.offline.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car

@@ -7,23 +7,13 @@ import pytest
 
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.errors import LogReadError
-from dctorque_can.logs.mcap_layout import FD_FRAME_TYPE
+from dctorque_can.logs.mcap.layout import FD_FRAME_TYPE
+from dctorque_can.logs.mcap.recover import recover
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.recover import recover
 
+from .blf.crafted import blf_object, can_message, container, write_blf
 from .frames_strategy import frame, frames_of
-from .test_bounds import (
-    blf_object,
-    can_message,
-    cdr_fd_frame,
-    cdr_frame,
-    chunk,
-    container,
-    definitions,
-    message,
-    write_blf,
-    write_mcap,
-)
+from .mcap.crafted import cdr_fd_frame, cdr_frame, chunk, definitions, message, write_mcap
 
 ROUNDS = 150
 NUMBERS = (0, 1, 7, 8, 9, 15, 16, 31, 32, 63, 64, 65, 127, 128, 255)

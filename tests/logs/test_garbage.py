@@ -8,8 +8,8 @@ import pytest
 
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.mcap.recover import recover
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.recover import recover
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
 N = 200

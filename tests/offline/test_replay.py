@@ -9,10 +9,10 @@ import pytest
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.convert import write_frames
-from dctorque_can.logs.mcap_reader import read_table
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH
 from dctorque_can.logs.output_file import refuse_existing
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES, HEALTH
 from dctorque_can.offline.replay import ReplayContent, ReplayResult, ReplayTargets, config_of, replay_logs
 from dctorque_can.offline.simulated_car import SimulatedDrive, write_log
 

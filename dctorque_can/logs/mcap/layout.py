@@ -10,7 +10,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from dctorque_can.logs.table import SCHEMA_RULE, TIME_SCHEMA
+from dctorque_can.logs.mcap.table import SCHEMA_RULE, TIME_SCHEMA
 from dctorque_can.pipeline.frames import FrameFlag
 
 RECORD_HEAD = 9  # opcode u8, length u64

@@ -13,9 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Protocol, TypeVar, cast
+from typing import Protocol, TypeVar
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -28,12 +27,11 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.little_endian import little_endian
-from dctorque_can.logs.mcap_layout import RECORD_HEAD
+from dctorque_can.logs.mcap.compression import DamagedRecordError, decompress, decompress_cut
+from dctorque_can.logs.mcap.layout import RECORD_HEAD
 
 _CHUNK_HEAD = 40  # record head, three u64, crc u32, and the size of the compression's name
 _FOOTER_SIZE = RECORD_HEAD + 20
-_LARGEST_CHUNK = 256 << 20  # unpacked; recorders write 1 to 10 MiB
-_PIECE = 4096  # of packed data: 4 bytes can stand for 128 kB
 _MESSAGE = int(Opcode.MESSAGE)
 _MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
 
@@ -43,10 +41,6 @@ R = TypeVar("R", covariant=True)
 class _Readable(Protocol[R]):
     @staticmethod
     def read(stream: ReadDataStream) -> R: ...
-
-
-class DamagedRecordError(Exception):
-    """The bytes of a record do not say what such a record must say."""
 
 
 @dataclass
@@ -223,7 +217,7 @@ class McapFile:
     def _chunk(self, start: int, end: int) -> NDArray[np.uint8] | None:
         try:
             chunk = _parse(Chunk, self._map[start:end])
-            data = _decompress(chunk)
+            data = decompress(chunk)
         except DamagedRecordError as error:
             self.lost.append(Lost(start, end - start, str(error)))
             return None
@@ -246,7 +240,7 @@ class McapFile:
         compression = self._map[start + 41 : name_end].decode("ascii", "replace")
         packed = self._map[name_end + 8 : end]
         try:
-            data = _decompress_cut(compression, packed)
+            data = decompress_cut(compression, packed)
         except (RuntimeError, zstandard.ZstdError, MemoryError):
             return None
         return np.frombuffer(data, np.uint8)
@@ -254,45 +248,6 @@ class McapFile:
     def close(self) -> None:
         """Forget the file; the system releases it with the last array that looks at it."""
         self._pieces.clear()
-
-
-def _decompress(chunk: Chunk) -> bytes:
-    """Return the records of a chunk, at most `_LARGEST_CHUNK` bytes, whatever the chunk says of its size."""
-    if chunk.compression == "":
-        return chunk.data
-    if chunk.compression == "lz4":
-        told = min(chunk.uncompressed_size, _LARGEST_CHUNK)
-        for most in (told, _LARGEST_CHUNK):  # few chunks are larger than they say
-            unpacking = lz4.frame.LZ4FrameDecompressor()
-            data: bytes = unpacking.decompress(chunk.data, most + 1)
-            if unpacking.eof and len(data) <= most:
-                return data
-            if len(data) <= most:
-                raise DamagedRecordError("a chunk can not be decompressed")
-    elif chunk.compression == "zstd":
-        told = zstandard.frame_content_size(chunk.data)
-        if told <= _LARGEST_CHUNK:  # -1: the frame does not say; then no more is unpacked than the chunk says
-            return zstandard.ZstdDecompressor().decompress(
-                chunk.data, max_output_size=min(chunk.uncompressed_size, _LARGEST_CHUNK)
-            )
-    else:
-        raise DamagedRecordError(f"a chunk is compressed as {chunk.compression!r}; lz4, zstd and none are known")
-    raise DamagedRecordError(f"a chunk unpacks to more than {_LARGEST_CHUNK >> 20} MiB")
-
-
-def _decompress_cut(compression: str, packed: bytes) -> bytes:
-    """Return what can be had of data that are cut off."""
-    if compression == "lz4":
-        return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(packed, _LARGEST_CHUNK))
-    if compression == "zstd":
-        unpacking = zstandard.ZstdDecompressor().decompressobj()
-        data = bytearray()
-        for start in range(0, len(packed), _PIECE):
-            data += unpacking.decompress(packed[start : start + _PIECE])
-            if len(data) > _LARGEST_CHUNK or unpacking.eof:
-                break
-        return bytes(data)
-    return packed if compression == "" else b""
 
 
 def _parse(kind: type[_Readable[R]], record: bytes) -> R:

@@ -14,8 +14,8 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from dctorque_can import __version__
-from dctorque_can.logs.mcap_chunks import ChunkedFile, Compression
-from dctorque_can.logs.mcap_layout import (
+from dctorque_can.logs.mcap.chunks import ChunkedFile, Compression
+from dctorque_can.logs.mcap.layout import (
     EVENT_SCHEMA,
     EVENT_TOPIC,
     EVENT_TYPE,
@@ -32,8 +32,8 @@ from dctorque_can.logs.mcap_layout import (
     frame_topic,
     message_record,
 )
+from dctorque_can.logs.mcap.table import CDR_LITTLE_ENDIAN, Table, log_times, pack_stamp
 from dctorque_can.logs.messages import ID_MASK
-from dctorque_can.logs.table import CDR_LITTLE_ENDIAN, Table, log_times, pack_stamp
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
 _FRAME_RECORD = message_record(FRAME)

@@ -9,20 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
-from dctorque_can.logs.lines import Lines, each_message
-from dctorque_can.logs.text_blocks import (
+from dctorque_can.logs.columns import FrameColumns
+from dctorque_can.logs.text.blocks import LastLine
+from dctorque_can.logs.text.lines import Lines, each_message
+from dctorque_can.logs.text.scan import (
     END_OF_BLOCK,
     HEX,
     IRREGULAR,
     LONGEST_NAME,
     NEW_CHANNEL,
     NO_ROOM,
-    LastLine,
     find_channel,
     parse_hex_bytes,
     parse_time,
 )
-from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag
 
 _EXTENDED = int(EXTENDED_ID)
 _FD = int(FrameFlag.FD)
@@ -43,24 +44,12 @@ class Candump:
         data: NDArray[np.uint8],
         position: int,
         row: int,
-        frames: Frames,
+        columns: FrameColumns,
         names: NDArray[np.uint8],
         numbers: NDArray[np.uint8],
     ) -> tuple[int, int, int]:
         """See `LineFormat.parse`."""
-        return _parse(
-            data,
-            position,
-            row,
-            names,
-            numbers,
-            frames.t_us,
-            frames.can_id,
-            frames.length,
-            frames.flags,
-            frames.channel,
-            frames.data,
-        )
+        return _parse(data, position, row, columns, names, numbers)
 
     def channel(self, line: bytes) -> tuple[bytes, int | str]:
         """See `LineFormat.channel`."""
@@ -93,20 +82,16 @@ def _parse(
     data: NDArray[np.uint8],
     position: int,
     row: int,
+    columns: FrameColumns,
     names: NDArray[np.uint8],
     numbers: NDArray[np.uint8],
-    t_us: NDArray[np.int64],
-    can_id: NDArray[np.uint32],
-    length: NDArray[np.uint8],
-    flags: NDArray[np.uint8],
-    channel: NDArray[np.uint8],
-    payload: NDArray[np.uint8],
 ) -> tuple[int, int, int]:
     """Parse lines as `LineFormat.parse` says.
 
     Bounds: a byte is read at a position only after that was found to be below ``end``, the end of the line; a row
     is written only below the number of rows, a byte of the payload only below its width.
     """
+    t_us, can_id, length, flags, channel, payload = columns
     size = len(data)
     while position < size:
         line = position

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from dctorque_can import __version__
 from dctorque_can.logs.errors import LogWriteError
-from dctorque_can.logs.mcap_layout import MESSAGE_ENCODING, RECORD_ENCODING
+from dctorque_can.logs.mcap.layout import MESSAGE_ENCODING, RECORD_ENCODING
 
 Compression = Literal["lz4", "zstd", ""]
 

@@ -7,6 +7,7 @@ from can.io.blf import CAN_ERROR_EXT, CAN_FD_MESSAGE, CAN_FD_MESSAGE_64, CAN_MES
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
+from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.little_endian import little_endian
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag
 
@@ -76,12 +77,7 @@ def read_objects(
     position: int,
     last: bool,
     start_s: float,
-    t_us: NDArray[np.int64],
-    can_id: NDArray[np.uint32],
-    length: NDArray[np.uint8],
-    flags: NDArray[np.uint8],
-    channel: NDArray[np.uint8],
-    payload: NDArray[np.uint8],
+    columns: FrameColumns,
 ) -> tuple[int, int, int, int, int]:
     """Fill the columns with the frames of whole objects from ``position`` on.
 
@@ -97,6 +93,7 @@ def read_objects(
         Number of frames, where reading ended, why (`END_OF_DATA`, `NO_ROOM`, `TOO_NARROW`), number of objects left
         out, and their bytes.
     """
+    t_us, can_id, length, flags, channel, payload = columns
     row, left_out, lost = 0, 0, 0
     damaged_at = -1
     while row < len(t_us):

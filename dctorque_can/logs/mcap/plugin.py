@@ -10,8 +10,8 @@ import can
 from can.io.generic import MessageReader, SizedMessageWriter
 from can.typechecking import StringPathLike
 
-from dctorque_can.logs.mcap_reader import McapFrames
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.reader import McapFrames
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages, message_from_frame
 
 _WAITING_MESSAGES = 512

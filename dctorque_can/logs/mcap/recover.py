@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.compiled import compiled
 from dctorque_can.logs.errors import LogWriteError
-from dctorque_can.logs.little_endian import little_endian
-from dctorque_can.logs.mcap_chunks import ChunkedFile
-from dctorque_can.logs.mcap_file import McapFile
-from dctorque_can.logs.mcap_layout import MESSAGE_HEAD, RECORD_HEAD
-from dctorque_can.logs.mcap_reader import message_spans
+from dctorque_can.logs.mcap.chunks import ChunkedFile
+from dctorque_can.logs.mcap.file import McapFile
+from dctorque_can.logs.mcap.layout import MESSAGE_HEAD, RECORD_HEAD
+from dctorque_can.logs.mcap.reader import message_spans
+from dctorque_can.logs.mcap.records import renumber
 
 _SMALLEST = RECORD_HEAD + MESSAGE_HEAD
 
@@ -109,7 +108,7 @@ class _Copy:
             size = len(span) // _SMALLEST
             channels, times = np.empty(size, np.uint16), np.empty(size, np.uint64)
             offsets = np.empty(size, np.uint64)
-            n, unknown, used = _renumber(span, self._channels, channels, times, offsets)
+            n, unknown, used = renumber(span, self._channels, channels, times, offsets)
             self._target.append(span[:used].tobytes(), channels[:n], times[:n], offsets[:n])
             self.messages += int(n)
             self.unknown += int(unknown)
@@ -129,41 +128,3 @@ class _Copy:
                 channel.message_encoding,
                 channel.metadata,
             )
-
-
-@compiled
-def _renumber(
-    data: NDArray[np.uint8],
-    numbers: NDArray[np.uint16],
-    channels: NDArray[np.uint16],
-    times: NDArray[np.uint64],
-    offsets: NDArray[np.uint64],
-) -> tuple[int, int, int]:
-    """Give the records their new channel ids in place, closing the gaps of those that have none.
-
-    Returns the number of messages kept, of those left out, and of bytes kept.
-
-    Bounds: ``data`` are whole messages (`message_spans`), ``numbers`` has a place for every channel number, and
-    the bytes kept never overtake those read. No row is written beyond the last one: each has `_SMALLEST` bytes.
-    """
-    row = 0
-    unknown = 0
-    position = 0
-    kept = 0
-    while position < len(data) and row < len(times):
-        size = RECORD_HEAD + little_endian(data, position + 1, 8)
-        channel = numbers[little_endian(data, position + RECORD_HEAD, 2)]
-        if channel == 0:
-            unknown += 1
-        else:
-            for i in range(size):
-                data[kept + i] = data[position + i]
-            data[kept + RECORD_HEAD] = channel & 255
-            data[kept + RECORD_HEAD + 1] = channel >> 8
-            channels[row] = channel
-            times[row] = little_endian(data, kept + RECORD_HEAD + 6, 8)
-            offsets[row] = kept
-            row += 1
-            kept += size
-        position += size
-    return row, unknown, kept

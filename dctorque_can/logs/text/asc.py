@@ -13,19 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
-from dctorque_can.logs.lines import Lines, each_message, warnings_of
-from dctorque_can.logs.text_blocks import (
+from dctorque_can.logs.columns import FrameColumns
+from dctorque_can.logs.text.blocks import LastLine
+from dctorque_can.logs.text.lines import Lines, each_message, warnings_of
+from dctorque_can.logs.text.scan import (
     END_OF_BLOCK,
     HEX,
     IRREGULAR,
     NEW_CHANNEL,
     NO_ROOM,
-    LastLine,
     find_channel,
     parse_hex_bytes,
     parse_time,
 )
-from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag
 
 _EXTENDED = int(EXTENDED_ID)
 _FD = int(FrameFlag.FD)
@@ -56,26 +57,14 @@ class Asc:
         data: NDArray[np.uint8],
         position: int,
         row: int,
-        frames: Frames,
+        columns: FrameColumns,
         names: NDArray[np.uint8],
         numbers: NDArray[np.uint8],
     ) -> tuple[int, int, int]:
         """See `LineFormat.parse`. Decimal files are left to python-can."""
         if self._base == "dec":
             return position, row, IRREGULAR
-        return _parse(
-            data,
-            position,
-            row,
-            names,
-            numbers,
-            frames.t_us,
-            frames.can_id,
-            frames.length,
-            frames.flags,
-            frames.channel,
-            frames.data,
-        )
+        return _parse(data, position, row, columns, names, numbers)
 
     def channel(self, line: bytes) -> tuple[bytes, int | str]:
         """See `LineFormat.channel`: python-can counts from 0."""
@@ -198,20 +187,16 @@ def _parse(
     data: NDArray[np.uint8],
     position: int,
     row: int,
+    columns: FrameColumns,
     names: NDArray[np.uint8],
     numbers: NDArray[np.uint8],
-    t_us: NDArray[np.int64],
-    can_id: NDArray[np.uint32],
-    length: NDArray[np.uint8],
-    flags: NDArray[np.uint8],
-    channel: NDArray[np.uint8],
-    payload: NDArray[np.uint8],
 ) -> tuple[int, int, int]:
     """Parse lines as `LineFormat.parse` says.
 
     Bounds: a byte is read at a position only after that was found to be below ``end``, the end of the line; a row
     is written only below the number of rows, a byte of the payload only below its width.
     """
+    t_us, can_id, length, flags, channel, payload = columns
     size = len(data)
     while position < size:
         line = position

@@ -13,15 +13,15 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from dctorque_can.logs.errors import LogReadError, LogWriteError
-from dctorque_can.logs.mcap_layout import EventLevel
-from dctorque_can.logs.mcap_reader import read_table
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.layout import EventLevel
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.recover import recover
+from dctorque_can.logs.mcap.table import ESTIMATES
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.recover import recover
-from dctorque_can.logs.table import ESTIMATES
 from dctorque_can.pipeline.frames import Frames
 
-from .frames_strategy import assert_same_frames, frame, frames_of
+from ..frames_strategy import assert_same_frames, frame, frames_of
 
 START = 1_700_000_000_000_000
 CHUNK_FRAMES = 20
@@ -177,7 +177,7 @@ def test_recover_needs_an_mcap(tmp_path):
 
 KILLED_WRITER = """
 import signal, sys
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.pipeline.frames import Frames
 log = McapLog(sys.argv[1])
 frames = Frames.empty(4)
@@ -213,7 +213,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 import numpy as np
 from dctorque_can.logs.errors import LogWriteError
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.pipeline.frames import Frames
 frames = Frames.empty(100)
 with McapLog(sys.argv[1], compression="") as log:

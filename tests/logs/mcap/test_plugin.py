@@ -8,12 +8,12 @@ import pytest
 
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.mcap.plugin import McapReader, McapWriter
 from dctorque_can.logs.messages import message_from_frame
-from dctorque_can.logs.plugin import McapReader, McapWriter
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
-from .frames_strategy import assert_same_frames, frame, frames_of
+from ..frames_strategy import assert_same_frames, frame, frames_of
 
 START = 1_700_000_000_000_000
 FRAMES = frames_of(

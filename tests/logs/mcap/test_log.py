@@ -17,14 +17,14 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from dctorque_can.logs.errors import LogReadError
-from dctorque_can.logs.mcap_layout import FRAME_SCHEMA, EventLevel
-from dctorque_can.logs.mcap_reader import read_table
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.layout import FRAME_SCHEMA, EventLevel
+from dctorque_can.logs.mcap.reader import read_table
+from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table, ros_name
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.reader import open_log
-from dctorque_can.logs.table import ESTIMATES, HEALTH, Table, ros_name
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
-from .frames_strategy import a_frame, assert_same_frames, frame, frames_of
+from ..frames_strategy import a_frame, assert_same_frames, frame, frames_of
 
 START = 1_700_000_000_000_000
 

@@ -22,7 +22,8 @@ from can.io.blf import (
     systemtime_to_timestamp,
 )
 
-from dctorque_can.logs.blf_objects import END_OF_DATA, SMALLEST_FRAME, TOO_NARROW, read_objects
+from dctorque_can.logs.blf.objects import END_OF_DATA, SMALLEST_FRAME, TOO_NARROW, read_objects
+from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.pipeline.frames import Frames
 
@@ -182,16 +183,7 @@ class BlfFrames:
         while ended != END_OF_DATA:
             frames = Frames.empty(min((len(data) - position) // SMALLEST_FRAME + 1, _ROWS_AT_ONCE), width)
             row, position, ended, left_out, lost = read_objects(
-                array,
-                position,
-                last,
-                self._start_s,
-                frames.t_us,
-                frames.can_id,
-                frames.length,
-                frames.flags,
-                frames.channel,
-                frames.data,
+                array, position, last, self._start_s, FrameColumns.of(frames)
             )
             if ended == TOO_NARROW:
                 width = 64

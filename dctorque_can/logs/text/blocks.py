@@ -16,26 +16,17 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.compiled import compiled
+from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.logs.text.scan import END_OF_BLOCK, LONGEST_NAME, NEW_CHANNEL, NO_ROOM, lines_end
 from dctorque_can.pipeline.frames import Frames
 
 BLOCK_SIZE = 4 << 20
-LONGEST_NAME = 16
 _LONGEST_LINE = 1 << 20
 _MOST_NAMES = 256  # more channels than `Frames` can tell apart are left to python-can
 _MOST_LINES = 4096
 _ROWS_AT_ONCE = 1 << 16
 _GZIP = 31  # zlib's word for a gzip header
-
-# What a compiled parser stopped for.
-END_OF_BLOCK, IRREGULAR, NEW_CHANNEL, NO_ROOM = 0, 1, 2, 3
-
-HEX = np.full(256, 255, np.uint8)
-HEX[np.frombuffer(b"0123456789", np.uint8)] = np.arange(10)
-HEX[np.frombuffer(b"abcdef", np.uint8)] = np.arange(10, 16)
-HEX[np.frombuffer(b"ABCDEF", np.uint8)] = np.arange(10, 16)
-_POWERS = 10.0 ** np.arange(23)  # exact
 
 
 class LastLine(Enum):
@@ -60,17 +51,17 @@ class LineFormat(Protocol):
         data: NDArray[np.uint8],
         position: int,
         row: int,
-        frames: Frames,
+        columns: FrameColumns,
         names: NDArray[np.uint8],
         numbers: NDArray[np.uint8],
     ) -> tuple[int, int, int]:
-        """Parse regular lines from ``position`` into ``frames`` from ``row`` on.
+        """Parse regular lines from ``position`` into ``columns`` from ``row`` on.
 
         Args:
             data: the block.
             position: where a line begins.
             row: next free row.
-            frames: columns; no row is written beyond their end, no byte beyond the width of their data.
+            columns: no row is written beyond their end, no byte beyond the width of their data.
             names: uint8 ``[k, LONGEST_NAME]``, known channel names, padded with zeros.
             numbers: uint8 ``[k]``, their indices.
 
@@ -205,7 +196,8 @@ class TextFrames:
         position, row, region = 0, 0, 1
         while position < len(data):
             start = position
-            position, row, status = self._format.parse(data, position, row, frames, self._names, self._numbers)
+            columns = FrameColumns.of(frames)
+            position, row, status = self._format.parse(data, position, row, columns, self._names, self._numbers)
             if status == END_OF_BLOCK:
                 break
             if status == NO_ROOM:
@@ -213,11 +205,11 @@ class TextFrames:
                 frames, row = Frames.empty(len(frames), width), 0
                 continue
             if status == NEW_CHANNEL and len(self._names) < _MOST_NAMES:
-                end = _lines_end(data, position, 1)
+                end = lines_end(data, position, 1)
                 self._learn_channel(*self._format.channel(block[position:end]))
                 continue
             region = 1 if position > start else min(2 * region, _MOST_LINES)
-            end = _lines_end(data, position, region)
+            end = lines_end(data, position, region)
             part = self._by_python_can(block[position:end], block, position)
             if row + len(part) > len(frames):
                 yield frames[:row]
@@ -254,80 +246,3 @@ class TextFrames:
         if not self._bad_lines:
             self._first_bad_line = f"line {number}: {first.strip()[:60]!r}"
         self._bad_lines += count
-
-
-@compiled
-def _lines_end(data: NDArray[np.uint8], position: int, count: int) -> int:
-    """Return where ``count`` lines from ``position`` on end, at most the end of the data."""
-    while position < len(data):
-        if data[position] == 10:
-            count -= 1
-            if count == 0:
-                return position + 1
-        position += 1
-    return position
-
-
-@compiled
-def parse_time(data: NDArray[np.uint8], position: int, end: int) -> tuple[int, int]:
-    """Return µs of the decimal seconds at ``position``, and where they end; -1 unless in the plain form.
-
-    Digits, a point, digits, together less than 2^53, so that the division gives exactly the float of the text:
-    the same number that python-can gives, rounded to µs in the same way. Bounds: reads below ``end``; at most 17
-    characters, so that the number does not overflow and 10^k stands in the table.
-    """
-    mantissa = 0
-    first = position
-    while position < end and 48 <= data[position] <= 57 and position - first < 17:
-        mantissa = mantissa * 10 + (int(data[position]) - 48)
-        position += 1
-    if position == first or position >= end or data[position] != 46:
-        return 0, -1
-    position += 1
-    point = position
-    while position < end and 48 <= data[position] <= 57 and position - first < 18:
-        mantissa = mantissa * 10 + (int(data[position]) - 48)
-        position += 1
-    if position == point or mantissa >= 9007199254740992:
-        return 0, -1
-    return int(np.rint(mantissa / _POWERS[position - point] * 1e6)), position
-
-
-@compiled
-def find_channel(data: NDArray[np.uint8], start: int, end: int, names: NDArray[np.uint8]) -> int:
-    """Return which of ``names`` stands at ``start`` to ``end``, or -1. A longer name than these can be is none."""
-    size = end - start
-    for k in range(len(names)):
-        same = size <= names.shape[1] and (size == names.shape[1] or names[k, size] == 0)
-        i = 0
-        while same and i < size:
-            same = names[k, i] == data[start + i]
-            i += 1
-        if same:
-            return k
-    return -1
-
-
-@compiled
-def parse_hex_bytes(
-    data: NDArray[np.uint8], position: int, end: int, gap: int, out: NDArray[np.uint8], most: int
-) -> tuple[int, int]:
-    """Read pairs of hexadecimal digits, ``gap`` spaces between them; return how many and where they end.
-
-    Bounds: reads below ``end``, writes at most ``most`` bytes, and no more than ``out`` has room for.
-    """
-    count = 0
-    most = min(most, len(out))
-    while count < most and position + 1 < end:
-        high, low = HEX[data[position]], HEX[data[position + 1]]
-        if high == 255 or low == 255:
-            break
-        out[count] = 16 * high + low
-        count += 1
-        position += 2
-        if count < most and gap == 1:
-            if position < end and data[position] == 32:
-                position += 1
-            else:
-                break
-    return count, position

@@ -1,0 +1,1 @@
+"""Logs of text, a frame a line: ASC and candump."""
