@@ -74,7 +74,7 @@ class LoggingSection(Section):
     rotate_s: Annotated[float, Field(gt=0)] | None = 3600.0
     """Begin a new file after this time, s; null: never."""
     keep_mb: Annotated[float, Field(gt=0)] | None = None
-    """Delete the oldest logs of the directory beyond this total, MB; null: keep all."""
+    """Delete the oldest logs of this vehicle in the directory beyond this total, MB; null: keep all."""
     frames: bool = True
     """Log every CAN frame."""
     signals: bool = False

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from dctorque_can.daemon.log_quota import OwnLog, own_logs
 
 if TYPE_CHECKING:
     from dctorque_can.config.load import Config
@@ -20,20 +23,22 @@ class LogFolder:
         directory: is made when it is missing.
         stem: first part of every name.
         first: exact path of the first log, or None for a name with the time of its start.
-        quota_mb: all logs of this stem together; 0 for no limit.
+        quota_mb: all logs of this vehicle and stem together; 0 for no limit.
+        vehicle: whose logs they are; two vehicles may come to the same stem.
     """
 
     directory: Path
     stem: str
     first: Path | None = None
     quota_mb: float = 0.0
+    vehicle: str = ""
 
     def next_path(self, count: int, now: datetime | None = None) -> Path:
         """Return a path that does not exist yet (``first`` excepted) for log number ``count`` (from 0)."""
         if self.first is not None and (count == 0 or (self.first.exists() and not self.first.is_file())):
             return self.first  # a device takes every log
         began = (now or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
-        return next(path for path in self._candidates(began) if not path.exists())
+        return next(path for path in self._candidates(began) if not os.path.lexists(path))
 
     def _candidates(self, began: str) -> Iterator[Path]:
         number = 1
@@ -42,22 +47,13 @@ class LogFolder:
             yield self.directory / f"{self.stem}_{began}{suffix}.mcap"
             number += 1
 
-    def make_room(self, current: Path) -> list[Path]:
-        """Delete the oldest logs of this stem, never ``current``, until the quota holds; return what went."""
-        if self.quota_mb <= 0:
-            return []
-        logs = [(path, path.stat()) for path in self.directory.glob(f"{self.stem}_*.mcap")]
-        logs.sort(key=lambda log: (log[1].st_mtime_ns, log[0].name))
-        used = sum(stat.st_size for _, stat in logs)
-        gone = []
-        for path, stat in logs:
-            if used <= self.quota_mb * 1e6:
-                break
-            if path != current:
-                path.unlink()
-                used -= stat.st_size
-                gone.append(path)
-        return gone
+    def own_logs(self) -> list[OwnLog]:
+        """Return the logs that are there already, the oldest first; those named by `first` do not count.
+
+        Raises:
+            OSError: the directory cannot be read.
+        """
+        return own_logs(self.directory, self.vehicle, self.stem)
 
 
 @dataclass(frozen=True)
@@ -88,6 +84,7 @@ class LogPlan:
             "stem": folder.stem,
             "first": None if folder.first is None else str(folder.first),
             "quota_mb": folder.quota_mb,
+            "vehicle": folder.vehicle,
             "flush_s": self.flush_s,
             "rotate_mb": self.rotate_mb,
             "rotate_s": self.rotate_s,
@@ -100,7 +97,11 @@ class LogPlan:
         """Return what `as_json` gave."""
         first = plan["first"]
         folder = LogFolder(
-            Path(plan["directory"]), plan["stem"], None if first is None else Path(first), plan["quota_mb"]
+            Path(plan["directory"]),
+            plan["stem"],
+            None if first is None else Path(first),
+            plan["quota_mb"],
+            plan["vehicle"],
         )
         return cls(folder, plan["flush_s"], plan["rotate_mb"], plan["rotate_s"], plan["signals"], plan["metadata"])
 
@@ -117,6 +118,7 @@ def plan_for(config: Config, first: Path | None = None) -> LogPlan:
         stem=name if first is None else first.stem,
         first=first,
         quota_mb=settings.keep_mb or 0.0,
+        vehicle=config.name,
     )
     return LogPlan(
         folder=folder,

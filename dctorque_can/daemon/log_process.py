@@ -206,6 +206,8 @@ class LogProcess:
             elif what == "failed":
                 self.counts.failures.append(str(value))
                 self.news.append((True, f"log: {value}"))
+            elif what == "kept":
+                self.news.append((True, f"log: {value}"))
             elif what == "deleted":
                 self.news.append((False, f"deleted {value} to keep the quota"))
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_protocol import Kind, MessageSplitter, read_frames, read_table_rows
+from dctorque_can.daemon.log_quota import make_room, mark
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
@@ -106,12 +107,15 @@ class LogWorker:
         self._close()
 
     def _open(self, now_s: float) -> None:
-        path = self._plan.folder.next_path(self._opened)
+        folder = self._plan.folder
+        path = folder.next_path(self._opened)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._log = McapLog(path, documents=self._documents, metadata=self._plan.metadata, chunk_size=CHUNK)
-            for gone in self._plan.folder.make_room(path):
-                report(deleted=str(gone))
+            logs = folder.own_logs()
+            number = logs[-1].number + 1 if logs else 1
+            metadata = {**mark(folder.vehicle, folder.stem, number), **self._plan.metadata}
+            self._log = McapLog(path, documents=self._documents, metadata=metadata, chunk_size=CHUNK)
+            self._log.sync()  # the mark is what a log is known by after a power cut
         except OSError as error:
             self._give_up(DctorqueError(f"{error.filename or path}: {error.strerror}"), now_s)
             _remove_empty(path)
@@ -124,6 +128,12 @@ class LogWorker:
         self._began_s = now_s
         self._flush_s = now_s + self._plan.flush_s
         report(opened=str(path))
+        if folder.quota_mb > 0:
+            gone, failures = make_room(logs, folder.quota_mb * 1e6)
+            for old in gone:
+                report(deleted=str(old))
+            for failure in failures:
+                report(kept=failure)
 
     def _flush(self, now_s: float) -> None:
         if self._log is None:

@@ -6,6 +6,7 @@ that numpy has laid out, and leaves all other records to the classes of the pack
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections import defaultdict
@@ -156,6 +157,16 @@ class ChunkedFile:
         if self.waiting >= self.chunk_size:
             self.flush()
 
+    def sync(self) -> None:
+        """Wait until the disk has all that was handed to the operating system; a device or a pipe has no disk."""
+        self._check()
+        if not self.path.is_file():
+            return
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise self._failure(error) from error
+
     def flush(self) -> None:
         """End the chunk and hand it to the operating system: a killed process loses nothing of it."""
         self._check()
@@ -273,13 +284,16 @@ class ChunkedFile:
             while rest:
                 rest = rest[self._file.write(rest) :]
         except OSError as error:
-            self._failed = True
-            self._file.close()
-            raise LogWriteError(
-                f"{self.path}: writing failed after {self.size} bytes: {error.strerror}; "
-                "what was written before can be read"
-            ) from error
+            raise self._failure(error) from error
         self.size += len(data)
+
+    def _failure(self, error: OSError) -> LogWriteError:
+        self._failed = True
+        self._file.close()
+        return LogWriteError(
+            f"{self.path}: writing failed after {self.size} bytes: {error.strerror}; "
+            "what was written before can be read"
+        )
 
     def _check(self) -> None:
         if self._failed:

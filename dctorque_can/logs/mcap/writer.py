@@ -50,7 +50,8 @@ class McapLog:
     Args:
         path: file to be created.
         documents: configuration and databases, attached under their names.
-        metadata: named sets of words; versions and the SHA-256 of every document are added as ``dctorque``.
+        metadata: named sets of words, at the head of the file in their order (`mcap_head` reads the first);
+            versions and the SHA-256 of every document are added as ``dctorque``.
         compression: "lz4" (fast), "zstd" (smaller) or "" (none).
         chunk_size: bytes of messages after which a chunk is written by itself.
         overwrite: replace an existing file; otherwise that is an error.
@@ -77,12 +78,13 @@ class McapLog:
         self._frame_channels = np.zeros(_frame_key(255, True, Direction.TRANSMITTED) + 1, np.uint16)
         self._sequences = np.zeros(1 << 16, np.uint32)
         described = {name: dict(values) for name, values in (metadata or {}).items()}
-        described.setdefault("dctorque", {})["dctorque_can"] = __version__
-        for name, content in (documents or {}).items():
-            self._file.add_attachment(name, _MEDIA_TYPES.get(Path(name).suffix, "text/plain"), content)
-            described["dctorque"][f"sha256 {name}"] = hashlib.sha256(content).hexdigest()
+        ours = described.pop("dctorque", {}) | {"dctorque_can": __version__}
         for name, values in described.items():
             self._file.add_metadata(name, values)
+        for name, content in (documents or {}).items():
+            self._file.add_attachment(name, _MEDIA_TYPES.get(Path(name).suffix, "text/plain"), content)
+            ours[f"sha256 {name}"] = hashlib.sha256(content).hexdigest()
+        self._file.add_metadata("dctorque", ours)
 
     @property
     def size(self) -> int:
@@ -175,6 +177,10 @@ class McapLog:
             int(times[0]),
         )
         self._file.append(head + payload, channels, times, np.zeros(1, np.uint64))
+
+    def sync(self) -> None:
+        """Wait until the disk has what was flushed: that survives a power cut too."""
+        self._file.sync()
 
     def flush(self) -> None:
         """Hand everything to the operating system: what is written up to here survives a killed process."""
