@@ -185,9 +185,9 @@ def _remove_empty(path: Path) -> None:
 
 
 def report(**content: str | int) -> None:
-    """Tell the service, one JSON object a line."""
-    sys.stdout.write(json.dumps(content) + "\n")
-    sys.stdout.flush()
+    """Tell the service, one JSON object a line; one that is dead needs no telling, and its log is closed."""
+    with suppress(BrokenPipeError):
+        os.write(sys.stdout.fileno(), json.dumps(content).encode() + b"\n")
 
 
 def main() -> None:

@@ -86,6 +86,22 @@ def test_a_killed_writer_is_replaced_and_its_frames_are_counted(process: LogProc
     assert process.counts.written + process.counts.dropped == 2 * BATCH
 
 
+def test_a_log_is_closed_after_the_death_of_the_service(process: LogProcess) -> None:
+    """The frames of the last moment are not confirmed yet, and nobody is there to be told."""
+    process.hand_over(batch(0), BATCH)
+    process.pump()
+    writer, process._process = process._process, None
+    assert writer is not None
+    assert writer.stdin is not None
+    assert writer.stdout is not None
+    writer.stdout.close()
+    writer.stdin.close()
+    assert writer.wait() == 0
+    (path,) = process.counts.paths
+    assert path.read_bytes().endswith(b"\x89MCAP0\r\n")
+    assert frames_in(path) == BATCH
+
+
 def test_a_stopped_writer_never_holds_up_the_service(process: LogProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever waits for a writer that stands still waits for ever; whoever waits for a while is caught at it."""
 
