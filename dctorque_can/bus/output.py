@@ -25,7 +25,7 @@ class OutputEncoder:
 
     A message is sent with the first estimate, then with the first one that reaches its cycle time, less a little
     for jitter, on the estimates' own time; a delayed one does not shift those that follow. After a pause of two
-    cycles or a step back of one the cycle starts anew. Values that are not valid are sent as "not
+    cycles or any step back (a clock set anew) the cycle starts anew. Values that are not valid are sent as "not
     available". The result does not depend on how the estimates are cut into batches.
 
     Args:
@@ -77,7 +77,7 @@ class OutputEncoder:
         """Return the frames that are due, in order of time; flags `FrameFlag.SENT`.
 
         Args:
-            rows: `ESTIMATE` ``[n]`` in order of time.
+            rows: `ESTIMATE` ``[n]`` in order of time, but for steps of the clock.
         """
         due = [message.due(rows["t_us"]) for message in self._messages]
         state = states(rows["status"])
@@ -108,20 +108,22 @@ class _CyclicMessage:
         self._period_us = int(message.cycle_time * 1000)
         self._early_us = min(self._period_us // 10, MAX_EARLY_US)
         self._next_us: int | None = None
+        self._last_us = 0
 
     def due(self, t_us: NDArray[np.int64]) -> NDArray[np.intp]:
         """Return the rows with which the message is sent."""
         rows: list[int] = []
         times = t_us.tolist()
-        following = self._next_us
+        following, last = self._next_us, self._last_us
         period = self._period_us
         for row, t in enumerate(times):
-            if following is None or t >= following + period or t < following - 2 * period:
+            if following is None or t >= following + period or t < last:
                 following = t
+            last = t
             if t > following - self._early_us:
                 rows.append(row)
                 following += period
-        self._next_us = following
+        self._next_us, self._last_us = following, last
         return np.array(rows, np.intp)
 
     def encode(self, rows: NDArray[np.void], state: Column, frames: Frames) -> None:

@@ -123,6 +123,8 @@ def _show(summary: Summary) -> None:
             f"bus: lost {link.lost} times, back {link.reconnects} times, {link.error_frames} error frames, "
             f"{link.bus_offs} bus-offs, {link.send_failures} frames not sent"
         )
+    if summary.clock_steps:
+        say(f"clock: the time of the frames was set {summary.clock_steps} times")
     faults = {name: count for name, count in summary.health.items() if count}
     if faults:
         say("health: " + ", ".join(f"{name} {_shown(count)}" for name, count in faults.items()))

@@ -13,13 +13,15 @@ from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
 LISTEN_US = 500_000  # five times the longest cycle of dctorque.dbc
+LONGEST_WAIT_US = 100_000  # longer than that no frame is waited for: it was a step of the clock
 
 
 class Publisher:
     """Encodes and sends.
 
-    A second instance on the same bus hears the first while it listens, and stays silent; so the first is not
-    disturbed. An identifier that was heard from someone else stays refused until the service is started anew.
+    It listens for `LISTEN_US` of frames before it talks, once; whatever the clock of the frames does later, it
+    goes on talking. A second instance on the same bus hears the first while it listens, and stays silent; so the
+    first is not disturbed. An identifier that was heard from someone else stays refused until the next start.
 
     Args:
         encoder: makes the cyclic frames.
@@ -37,12 +39,13 @@ class Publisher:
         self.can_ids = frozenset(encoder.can_ids.values())
         self._link = link
         self._tell = tell
-        self._first_us: int | None = None
+        self._latest_us: int | None = None
+        self._listened_us = 0
 
     def hear(self, frames: Frames) -> None:
         """Look whether someone else uses our identifiers."""
-        if self._first_us is None and len(frames):
-            self._first_us = int(frames.t_us[0])
+        if self._listened_us < LISTEN_US:
+            self._listen(frames)
         if self.can_ids.isdisjoint(frames.can_id.tolist()):
             return
         foreign = (frames.flags & (FrameFlag.SENT | FrameFlag.ERROR)) == 0
@@ -54,9 +57,18 @@ class Publisher:
     def publish(self, rows: NDArray[np.void]) -> Frames:
         """Send what is due after ``rows`` (`ESTIMATE` ``[n]``) and return the frames that the bus took."""
         frames = self._encoder.encode(rows)  # always, so that the counters keep running
-        if not len(frames) or self._first_us is None or int(rows["t_us"][-1]) - self._first_us < LISTEN_US:
+        if not len(frames) or self._listened_us < LISTEN_US:
             return frames[:0]
         taken = np.zeros(len(frames), np.bool_)
         for i, can_id in enumerate(frames.can_id.tolist()):
             taken[i] = can_id not in self.refused and self._link.send(message_from_frame(frames, i))
         return frames if taken.all() else frames[taken]
+
+    def _listen(self, frames: Frames) -> None:
+        """Add up how long it listened; a step of the clock of the frames adds little, and takes nothing away."""
+        for t_us in frames.t_us.tolist():
+            if self._latest_us is None or t_us < self._latest_us - LONGEST_WAIT_US:
+                self._latest_us = t_us
+            elif t_us > self._latest_us:
+                self._listened_us += min(t_us - self._latest_us, LONGEST_WAIT_US)
+                self._latest_us = t_us

@@ -16,6 +16,7 @@ from dctorque_can.analysis.health import count_valid, health_counts, never_recei
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config
+from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.link import BusError, BusLink, LinkCounts
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogCounts, LogProcess
@@ -47,6 +48,7 @@ class Summary:
         never_received: mapped inputs of which no usable value came.
         published: frames sent.
         refused_ids: identifiers that someone else uses.
+        clock_steps: times the clock of the frames was set.
         link: counters of the wire.
         log: counters of the log, or None without one.
         health: counters of the estimator, see `health_counts`.
@@ -60,6 +62,7 @@ class Summary:
     never_received: list[str]
     published: int
     refused_ids: list[int]
+    clock_steps: int
     link: LinkCounts
     log: LogCounts | None
     health: dict[str, Any]
@@ -106,6 +109,7 @@ class Service:
         self._log = None if plan is None else LogProcess(plan, config.documents)
         self._recorder: Recorder | None = None
         self._publisher = self._make_publisher()
+        self._clock = ClockWatch(config.settings.max_step_back_us, self._tell)
         self._systemd = Systemd()
         self._stop = False
         self._rotate = False
@@ -185,6 +189,7 @@ class Service:
         self._mark_own(frames)
         self.received += len(frames)
         self._t_us = int(frames.t_us[-1])
+        self._clock.look(frames.t_us, time.monotonic())
         if self._publisher is not None:
             self._publisher.hear(frames)
         estimates = self._chain.feed(frames)
@@ -254,6 +259,7 @@ class Service:
             never_received=never_received(self._config.inputs, self._chain.health),
             published=self._link.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
+            clock_steps=self._clock.steps,
             link=self._link.counts,
             log=self._log.counts if self._log is not None else None,
             health=health_counts(self._chain.health),

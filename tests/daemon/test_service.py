@@ -138,6 +138,50 @@ def test_no_frame_is_lost_at_4000_frames_per_second(config: Config, connect: Con
     assert summary.complete
 
 
+STEPS = {
+    "back": {1.2: -3600.0},
+    "back, while it listens": {0.2: -3600.0},
+    "forwards": {1.2: 3600.0},
+    "forwards, while it listens": {0.2: 1e9},
+    "back, a little": {1.2: -0.08},
+    "back, a little more": {1.2: -0.15},
+    "forwards, a little": {1.2: 0.3},
+    "there and back": {1.2: 5.0, 1.21: -5.0, 1.6: -1e9, 1.9: 1e9},
+    "back, again and again": dict.fromkeys(np.arange(1.0, 2.4, 0.15).round(3).tolist(), -0.15),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_estimates_are_sent_within_half_a_second_of_any_step_of_the_clock(
+    config: Config, connect: Connect, drive: SimulatedDrive, name: str
+) -> None:
+    """As after an NTP step: the stamps of the frames follow the system clock."""
+    bus_s = (drive.frames.t_us - drive.frames.t_us[0]) / 1e6
+    frames = drive.frames[bus_s < 2.5]
+    step_us = sum(np.where(bus_s >= at_s, round(step_s * 1e6), 0) for at_s, step_s in STEPS[name].items())
+    frames = replace(frames, t_us=frames.t_us + step_us[: len(frames)])
+    live = start(config, connect, None)
+    sent_s: dict[int, list[float]] = {message.frame_id: [0.5] for message in config.output.database.messages}
+    with connect() as car, connect() as ear:
+        for i in range(len(frames)):
+            car.send(message_from_frame(frames, i))
+            live.wait_for(i + 1)
+            while (message := ear.recv(0.0)) is not None:
+                if message.arbitration_id in sent_s:
+                    sent_s[message.arbitration_id].append(bus_s[i])
+    summary = live.stop()
+    for can_id, times_s in sent_s.items():
+        assert np.diff([*times_s, 2.5]).max() < 0.5, f"{can_id:x}"
+        assert len(times_s) > 15
+    told = [line.split(" by ")[0] for line in live.told if "the clock of the frames was set" in line]
+    ways = ["back" if step_s < 0 else "forwards" for step_s in STEPS[name].values()]
+    if "a little" not in name or name == "back, a little more":  # the others are less than a busy machine is late
+        assert told == [f"the clock of the frames was set {way}" for way in ways]
+        assert summary.clock_steps == len(ways)
+    assert summary.health["clock_resets"] == sum(step_s < -0.1 for step_s in STEPS[name].values())
+    assert (summary.health["late_frames"] > 0) == (name == "back, a little")
+
+
 def test_a_second_service_on_the_bus_stays_silent(config: Config, connect: Connect, drive: SimulatedDrive) -> None:
     first = start(config, connect, None)
     half = len(drive.frames) // 2
