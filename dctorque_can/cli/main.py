@@ -6,6 +6,8 @@ imports what it needs when it runs.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import logging
 import sys
 from importlib import import_module
@@ -89,6 +91,7 @@ def root(
 
 def main() -> None:
     """Run the command line and exit."""
+    atexit.register(gc.freeze)  # or the end of the process spends a second on collecting compiled code
     logging.getLogger("can").addHandler(logging.NullHandler())  # its errors come to us as exceptions too
     with late_asammdf():
         sys.exit(_outcome(sys.argv[1:]))

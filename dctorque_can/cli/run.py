@@ -63,7 +63,11 @@ def run(
     except KeyboardInterrupt:  # from here on signals stop the service
         say("stopped before it began")
         return
-    summary = _serve(loaded, prepared, duration, wait)
+    try:
+        summary = _serve(loaded, prepared, duration, wait)
+    except KeyboardInterrupt:  # while it compiled
+        say("stopped before it began")
+        return
     if as_json:
         print_json(summary.as_json())
     else:
@@ -118,10 +122,10 @@ def _show(summary: Summary) -> None:
         f"{summary.published} frames out"
         + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
     )
-    if link.lost or link.send_failures or link.error_frames:
+    if link.lost or link.send_failures or link.error_frames or link.damaged:
         say(
             f"bus: lost {link.lost} times, back {link.reconnects} times, {link.error_frames} error frames, "
-            f"{link.bus_offs} bus-offs, {link.send_failures} frames not sent"
+            f"{link.bus_offs} bus-offs, {link.damaged} damaged lines, {link.send_failures} frames not sent"
         )
     if summary.clock_steps:
         say(f"clock: the time of the frames was set {summary.clock_steps} times")

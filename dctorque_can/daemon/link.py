@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import errno
-import os
-import re
-import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any
 
 import can
 
-from dctorque_can.daemon.spin import raise_on_spin
-from dctorque_can.errors import DctorqueError
+from dctorque_can.daemon.background import finished, in_background, settle
+from dctorque_can.daemon.opening import BusError, DamagedLineError, open_bus, reason
+from dctorque_can.daemon.sender import Sender, is_full
+
+__all__ = ["BusError", "BusLink", "LinkCounts", "open_bus"]  # all that one needs for a bus
 
 FIRST_BACKOFF_S = 0.1
 LONGEST_BACKOFF_S = 5.0
 SILENCE_S = 2.0  # without a frame on a bus that had some: told
-PROBE_S = 1.0
-RECEIVE_BUFFER_BYTES = 4 << 20
+OPEN_S = 10.0
+CLOSE_S = 0.5
+REFUSAL_S = 1.0  # without any frame that could be sent: told
 BUS_OFF = 0x40  # in the identifier of a SocketCAN error frame (linux/can/error.h)
-_FULL = {errno.ENOBUFS, errno.EAGAIN}
-
-
-class BusError(DctorqueError):
-    """A bus cannot be opened."""
 
 
 @dataclass
@@ -37,6 +32,7 @@ class LinkCounts:
         received: messages of any kind.
         error_frames: error frames among them.
         bus_offs: error frames that reported bus-off.
+        damaged: what an interface received and could not read as a message.
         lost: times the bus went away (down, removed, closed by its server).
         silences: times a bus that had given frames gave none for `SILENCE_S`.
         reconnects: times it came back.
@@ -47,6 +43,7 @@ class LinkCounts:
     received: int = 0
     error_frames: int = 0
     bus_offs: int = 0
+    damaged: int = 0
     lost: int = 0
     silences: int = 0
     reconnects: int = 0
@@ -54,79 +51,11 @@ class LinkCounts:
     send_failures: int = 0
 
 
-def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
-    """Open a python-can bus.
-
-    Args:
-        arguments: of ``can.Bus``, with ``interface`` and ``channel``.
-
-    Raises:
-        BusError: there is no such interface or channel, or it is down, or its driver is missing.
-    """
-    interface, channel = arguments["interface"], arguments["channel"]
-    if interface == "virtual":  # otherwise frames of a simulation would be stamped anew
-        arguments = {"preserve_timestamps": True} | dict(arguments)
-    try:
-        if interface == "socketcand":
-            _probe(arguments)
-        bus = can.Bus(**arguments)
-    except (can.CanError, OSError, ImportError, ValueError, TypeError) as error:
-        raise BusError(
-            f"{interface}:{channel} cannot be opened: {_reason(error)}{_hint(error, channel)}"
-        ) from error
-    try:
-        _enlarge_buffer(bus)
-        _refuse_down(bus)
-    except OSError as error:
-        bus.shutdown()
-        raise BusError(f"{interface}:{channel} cannot be used: {_reason(error)}{_hint(error, channel)}") from error
-    raise_on_spin(bus)
-    return bus
-
-
-def _probe(arguments: Mapping[str, Any]) -> None:
-    """Raise soon when no server answers; python-can itself tries for 10 s without a pause, or waits for ever."""
-    if "host" not in arguments or "port" not in arguments:
-        return
-    with socket.create_connection((arguments["host"], arguments["port"]), PROBE_S) as probe:
-        if not probe.recv(256):  # socketcand speaks first
-            raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
-
-
-def _enlarge_buffer(bus: can.BusABC) -> None:
-    """Let the kernel keep more frames while the process does not run; as much as it allows."""
-    raw = getattr(bus, "socket", None)
-    if isinstance(raw, socket.socket):
-        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-
-
-def _refuse_down(bus: can.BusABC) -> None:
-    """Raise when the interface of a socket is down, which is told once and then taken for silence."""
-    raw = getattr(bus, "socket", None)
-    if isinstance(raw, socket.socket):
-        pending = raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if pending:
-            raise OSError(pending, os.strerror(pending))
-
-
-def _reason(error: BaseException) -> str:
-    text = str(getattr(error, "strerror", None) or error) or type(error).__name__
-    return re.sub(r" \[Error Code -?\d+\]$", "", text)
-
-
-def _hint(error: BaseException, channel: object) -> str:
-    code = getattr(error, "errno", None) or getattr(error, "error_code", None)
-    if code == errno.ENODEV:
-        return f" (`ip link` lists the interfaces; is {channel} the right one?)"
-    if code == errno.ENETDOWN:
-        return f" (bring it up, e.g. `ip link set {channel} up type can bitrate 500000`)"
-    if isinstance(error, can.CanInterfaceNotImplementedError):
-        return f" (one of: {', '.join(sorted(can.VALID_INTERFACES))})"
-    return ""
-
-
 class BusLink:
     """Receives and sends on a bus; when the bus goes away it is opened anew, with growing pauses.
+
+    Nothing of it waits longer than it was told to: opening and closing, which may block for ever, are done in the
+    background, and so is sending (`sender.Sender`). Whatever an interface raises means that the bus is gone.
 
     Args:
         connect: opens the bus, e.g. a partial of `open_bus`.
@@ -138,8 +67,14 @@ class BusLink:
         self._connect = connect
         self._tell = tell
         self._bus: can.BusABC | None = None
+        self._sender: Sender | None = None
+        self._opening: Future[can.BusABC] | None = None
+        self._closing: Future[None] | None = None
         self._backoff_s = FIRST_BACKOFF_S
         self._retry_at_s = 0.0
+        self._lost_by_sending = False
+        self._refused_s: float | None = None  # since when the bus takes no frame
+        self._refusal_told = False
         self._heard_s: float | None = None  # None: this bus has not given anything yet
         self._silent = False
 
@@ -148,29 +83,43 @@ class BusLink:
         """Whether the bus is open."""
         return self._bus is not None
 
-    def open(self) -> None:
-        """Open the bus for the first time.
+    def open(self, given_up: Callable[[], bool] = lambda: False) -> None:
+        """Open the bus for the first time, unless ``given_up`` says meanwhile that it is not wanted any more.
 
         Raises:
-            BusError: it cannot be opened.
+            BusError: it cannot be opened, or does not answer for `OPEN_S`.
         """
-        self._bus = self._connect()
+        limit_s = time.monotonic() + OPEN_S
+        self._opening = in_background(self._connect, "open bus")
+        while not finished(self._opening, 0.1):
+            if given_up():
+                return
+            if time.monotonic() > limit_s:
+                raise BusError(f"the bus cannot be opened: no answer for {OPEN_S:g} s")
+        self._use_opened()
 
     def receive(self, timeout_s: float) -> can.Message | None:
         """Return the next message, or None after ``timeout_s`` or while the bus is away."""
+        self._take_late_error()
         if self._bus is None and not self._reopen(timeout_s):
             return None
         assert self._bus is not None
         try:
             message = self._bus.recv(timeout_s)
-        except (can.CanError, OSError, EOFError) as error:
-            self._lose(error)
+        except DamagedLineError as error:
+            self.counts.damaged += 1
+            if self.counts.damaged == 1:
+                self._tell(True, f"{reason(error)} on {self._name()} is dropped, and so will be all others")
+            return None
+        except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
+            self._lose(error, sending=False)
             return None
         if message is None:
             self._watch_silence()
             return None
         self._hear()
-        self._backoff_s = FIRST_BACKOFF_S
+        if not self._lost_by_sending:
+            self._backoff_s = FIRST_BACKOFF_S
         self.counts.received += 1
         if message.is_error_frame:
             self.counts.error_frames += 1
@@ -189,27 +138,64 @@ class BusLink:
         return messages
 
     def send(self, message: can.Message) -> bool:
-        """Send without waiting; false when the bus did not take it."""
+        """Send; false when the bus does not take it. A bus that blocks is not waited for."""
+        self._take_late_error()
         if self._bus is None and not self._reopen(0.0):
             self.counts.send_failures += 1
             return False
-        assert self._bus is not None
+        assert self._sender is not None
         try:
-            self._bus.send(message)
-        except (can.CanError, OSError) as error:
-            self.counts.send_failures += 1
-            code = getattr(error, "error_code", None)
-            if code is not None and code not in _FULL:
-                self._lose(error)
+            self._sender.send(message)
+        except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
+            self._not_sent(error)
             return False
         self.counts.sent += 1
+        self._sent()
         return True
 
     def close(self) -> None:
-        """Close the bus."""
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        """Close the bus; one that does not close within `CLOSE_S` is told and left as it is."""
+        if self._opening is not None:
+            self._opening.add_done_callback(_close_late)
+            self._opening = None
+        if self._bus is None:
+            return
+        name = self._name()
+        if self._sender is not None:
+            self._sender.close(CLOSE_S / 2)
+            self._take_late_error()
+        closing = self._begin_closing()
+        if closing is None:  # lost at the last moment
+            return
+        if not finished(closing, CLOSE_S):
+            self._tell(True, f"{name} does not close and is left as it is")
+        elif (error := closing.exception()) is not None:
+            self._tell(True, f"{name} cannot be closed: {reason(error)}")
+
+    def _take_late_error(self) -> None:
+        """Find out what became of a frame that was still under way when it was counted as sent."""
+        error = None if self._sender is None else self._sender.late_error()
+        if error is not None:
+            self.counts.sent -= 1
+            self._not_sent(error)
+
+    def _sent(self) -> None:
+        self._lost_by_sending = False
+        if self._refusal_told:
+            self._tell(False, f"frames can be sent again on {self._name()}")
+        self._refused_s, self._refusal_told = None, False
+
+    def _not_sent(self, error: Exception) -> None:
+        self.counts.send_failures += 1
+        if not is_full(error):
+            self._lose(error, sending=True)
+            return
+        now_s = time.monotonic()
+        if self._refused_s is None:
+            self._refused_s = now_s
+        elif not self._refusal_told and now_s - self._refused_s >= REFUSAL_S:
+            self._refusal_told = True
+            self._tell(True, f"no frame could be sent for {REFUSAL_S:g} s on {self._name()}: {reason(error)}")
 
     def _hear(self) -> None:
         now_s = time.monotonic()
@@ -230,27 +216,67 @@ class BusLink:
         assert self._bus is not None
         return self._bus.channel_info
 
-    def _lose(self, error: BaseException) -> None:
+    def _lose(self, error: Exception, sending: bool) -> None:
         self.counts.lost += 1
         if self._backoff_s == FIRST_BACKOFF_S:  # tell it once, not at every try
-            self._tell(True, f"the bus is gone: {_reason(error)}; trying to open it again")
-        self.close()
+            self._tell(True, f"the bus is gone: {reason(error)}; trying to open it again")
+        self._lost_by_sending |= sending
+        if self._sender is not None:
+            self._sender.close(0.0)
+        self._begin_closing()
+        self._retry_later()
+
+    def _retry_later(self) -> None:
         self._retry_at_s = time.monotonic() + self._backoff_s
         self._backoff_s = min(2 * self._backoff_s, LONGEST_BACKOFF_S)
 
+    def _begin_closing(self) -> Future[None] | None:
+        bus, self._bus, self._sender = self._bus, None, None
+        if bus is None:
+            return None
+        self._refused_s, self._refusal_told = None, False
+        self._closing = in_background(bus.shutdown, "close bus")
+        return self._closing
+
+    def _open_again(self) -> can.BusABC:
+        """Open the bus as soon as the old one is closed, whether well or not; one that does not close is left."""
+        if self._closing is not None:
+            finished(self._closing, CLOSE_S)
+        return self._connect()
+
+    def _use_opened(self) -> None:
+        assert self._opening is not None
+        opening, self._opening = self._opening, None
+        try:
+            self._bus = opening.result()
+        except BusError:
+            raise
+        except Exception as error:
+            raise BusError(f"the bus cannot be opened: {reason(error)}") from error
+        self._sender = Sender(self._bus)
+
     def _reopen(self, timeout_s: float) -> bool:
-        wait_s = self._retry_at_s - time.monotonic()
-        if wait_s > 0:
-            time.sleep(min(wait_s, timeout_s))
+        if self._opening is None:
+            wait_s = self._retry_at_s - time.monotonic()
+            if wait_s > 0:
+                time.sleep(min(wait_s, timeout_s))
+                return False
+            self._opening = in_background(self._open_again, "open bus")
+        if not finished(self._opening, timeout_s):
             return False
         try:
-            self._bus = self._connect()
+            self._use_opened()
         except BusError:
-            self._retry_at_s = time.monotonic() + self._backoff_s
-            self._backoff_s = min(2 * self._backoff_s, LONGEST_BACKOFF_S)
+            self._retry_later()
             return False
         self.counts.reconnects += 1
         if self._heard_s is not None:
             self._heard_s, self._silent = time.monotonic(), False
         self._tell(False, "the bus is open again")
         return True
+
+
+def _close_late(opening: Future[can.BusABC]) -> None:
+    """Close a bus that opened after nobody wanted it any more; nobody is there to be told how that went either."""
+    if opening.exception() is None:
+        settle(Future(), opening.result().shutdown)

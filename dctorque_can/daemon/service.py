@@ -89,6 +89,11 @@ class Service:
         plan: how to log, or None for no log.
         say: is told remarks for people, one line each: ``say(is_error, text)``.
         patient: wait for the log writer instead of dropping; only for traffic that is not live.
+
+    Attributes:
+        received: frames so far.
+        compiling: whether there is nothing yet that would have to be closed.
+        finishing: whether all that is left to do is closing the log.
     """
 
     def __init__(
@@ -112,6 +117,8 @@ class Service:
         self._clock = ClockWatch(config.settings.max_step_back_us, self._tell)
         self._systemd = Systemd()
         self._stop = False
+        self.compiling = False
+        self.finishing = False
         self._rotate = False
         self._t_us: int | None = None
         self._estimates = 0
@@ -139,9 +146,13 @@ class Service:
         Raises:
             DctorqueError: the log cannot be created, or the bus cannot be opened.
         """
-        self._chain.warm_up()
+        self.compiling = True
         try:
-            self._link.open()
+            self._chain.warm_up()
+        finally:
+            self.compiling = False
+        try:
+            self._link.open(lambda: self._stop)
         except BusError as error:
             if not wait_for_bus:
                 raise
@@ -177,6 +188,7 @@ class Service:
         finally:
             self._systemd.stopping()
             self._link.close()
+            self.finishing = True
             if self._recorder is not None:
                 self._pass_on_news()
                 self._recorder.close()

@@ -1,0 +1,83 @@
+"""Sends frames on a python-can bus; one that blocks holds up its own thread and nobody else."""
+
+from __future__ import annotations
+
+import errno
+import re
+from concurrent.futures import Future
+from functools import partial
+from queue import SimpleQueue
+from threading import Thread
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.virtual import VirtualBus
+
+from dctorque_can.daemon.background import finished, settle
+
+SEND_S = 0.1  # for interfaces that keep to a time limit
+PATIENCE_S = 0.005  # that long the receive loop waits for a frame to be taken
+NEVER_WAIT = (SocketcanBus, VirtualBus)  # these say at once that they are full
+_FULL = {errno.ENOBUFS, errno.EAGAIN}
+# What python-can's interfaces say without a code: socketcan "Transmit buffer full", virtual the other.
+_FULL_TEXT = re.compile(r"\bfull\b|to one or more recipients", re.IGNORECASE)
+
+
+def is_full(error: Exception) -> bool:
+    """Return whether an error of `Sender.send` says that the bus takes no frame now, and no more than that."""
+    if isinstance(error, can.CanTimeoutError) or getattr(error, "error_code", None) in _FULL:
+        return True
+    return isinstance(error, can.CanError) and _FULL_TEXT.search(str(error)) is not None
+
+
+class Sender:
+    """Hands one frame after the other to a bus.
+
+    Args:
+        bus: where to. Unless it is known never to wait (`NEVER_WAIT`), it gets a thread: `can.BusABC.send` has a
+            time limit, but many interfaces do not keep to it, or wait for the hardware after it.
+    """
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._under_way: Future[None] | None = None
+        self._calls: SimpleQueue[tuple[can.Message, Future[None]] | None] | None = None
+        if not isinstance(bus, NEVER_WAIT):
+            self._calls = SimpleQueue()
+            Thread(target=self._work, args=(self._calls,), name="sender", daemon=True).start()
+
+    def send(self, message: can.Message) -> None:
+        """Send, and wait no longer than `PATIENCE_S`: what is under way then counts as sent until `late_error`.
+
+        Raises:
+            Exception: whatever the interface raises; `can.CanTimeoutError` when an earlier frame is under way.
+        """
+        if self._calls is None:
+            self._bus.send(message)
+            return
+        if self._under_way is not None:
+            raise can.CanTimeoutError("the frame before is still under way")
+        future: Future[None] = Future()
+        self._calls.put((message, future))
+        if not finished(future, PATIENCE_S):
+            self._under_way = future
+            return
+        future.result()
+
+    def late_error(self) -> Exception | None:
+        """Return, once, what a frame that `send` left under way failed of: None if it did not, or not yet."""
+        if self._under_way is None or not self._under_way.done():
+            return None
+        error, self._under_way = self._under_way.exception(), None
+        return error if isinstance(error, Exception) else None
+
+    def close(self, timeout_s: float) -> bool:
+        """Send no more; return whether the frame that is under way, if any, is through within ``timeout_s``."""
+        if self._calls is not None:
+            self._calls.put(None)
+        return self._under_way is None or finished(self._under_way, timeout_s)
+
+    def _work(self, calls: SimpleQueue[tuple[can.Message, Future[None]] | None]) -> None:
+        while (call := calls.get()) is not None:
+            message, future = call
+            settle(future, partial(self._bus.send, message, SEND_S))
