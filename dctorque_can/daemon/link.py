@@ -109,7 +109,7 @@ class BusLink:
         except DamagedLineError as error:
             self.counts.damaged += 1
             if self.counts.damaged == 1:
-                self._tell(True, f"{reason(error)} on {self._name()} is dropped, and so will be all others")
+                self._tell(True, f"{reason(error)} on {self._name()} was dropped; others will only be counted")
             return None
         except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
             self._lose(error, sending=False)
@@ -145,12 +145,13 @@ class BusLink:
             return False
         assert self._sender is not None
         try:
-            self._sender.send(message)
+            through = self._sender.send(message)
         except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
             self._not_sent(error)
             return False
         self.counts.sent += 1
-        self._sent()
+        if through:
+            self._sent()
         return True
 
     def close(self) -> None:

@@ -46,23 +46,24 @@ class Sender:
             self._calls = SimpleQueue()
             Thread(target=self._work, args=(self._calls,), name="sender", daemon=True).start()
 
-    def send(self, message: can.Message) -> None:
-        """Send, and wait no longer than `PATIENCE_S`: what is under way then counts as sent until `late_error`.
+    def send(self, message: can.Message) -> bool:
+        """Send, and wait for it up to `PATIENCE_S`; false: it is under way, and counts as sent until `late_error`.
 
         Raises:
             Exception: whatever the interface raises; `can.CanTimeoutError` when an earlier frame is under way.
         """
         if self._calls is None:
             self._bus.send(message)
-            return
+            return True
         if self._under_way is not None:
             raise can.CanTimeoutError("the frame before is still under way")
         future: Future[None] = Future()
         self._calls.put((message, future))
         if not finished(future, PATIENCE_S):
             self._under_way = future
-            return
+            return False
         future.result()
+        return True
 
     def late_error(self) -> Exception | None:
         """Return, once, what a frame that `send` left under way failed of: None if it did not, or not yet."""

@@ -41,6 +41,7 @@ class SturdySlcanBus(slcanBus):
             if (port := getattr(self, "serialPortOrig", None)) is not None:
                 port.close()
             raise
+        self.channel_info = f"slcan:{self.serialPortOrig.port}"
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: D102
         super().send(msg, SEND_S)

@@ -71,6 +71,25 @@ def test_a_send_that_blocks_holds_up_neither_receiving_nor_closing(bus: Blocking
 
 
 @pytest.mark.parametrize("bus", ["send"], indirect=True)
+def test_a_bus_that_takes_nothing_is_told_once_although_it_is_tried_again_and_again(
+    bus: Blocking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each frame that it is given is under way for a while, and then failed."""
+    monkeypatch.setattr(link_module, "REFUSAL_S", 0.0)
+    link, told = opened(bus)
+    bus.error = can.CanTimeoutError("it takes no more")
+    for tries in (1, 2, 3):
+        bus.released.clear()
+        assert link.send(MESSAGE)
+        assert not link.send(MESSAGE)
+        bus.released.set()
+        while link.counts.send_failures < 2 * tries:
+            link.receive(0.0)
+    assert (link.counts.sent, link.counts.lost) == (0, 0)
+    assert ["no frame could be sent" in line for line in told] == [True]
+
+
+@pytest.mark.parametrize("bus", ["send"], indirect=True)
 def test_a_send_that_fails_late_is_counted_as_not_sent(bus: Blocking) -> None:
     link, told = opened(bus)
     bus.error = RuntimeError("pulled out")
