@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from dctorque_can.logs.mcap_head import first_metadata
+from dctorque_can.logs.mcap.head import first_metadata
 
 MARK = "service"  # name of the metadata
 _TIME = r"_[0-9]{8}T[0-9]{6}Z(_[0-9]+)?\.mcap"

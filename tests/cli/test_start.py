@@ -15,7 +15,7 @@ HEAVY = (
     "pandas",
     "asammdf",
     "dctorque_can.simulation.plant",
-    "dctorque_can.estimators.stability",
+    "dctorque_can.estimators.oh2014.stability",
 )
 NOT_FOR_HELP = (*HEAVY, "numpy", "numba", "scipy", "can", "cantools", "dctorque_can.config.load")
 PROGRAM = """
@@ -62,7 +62,7 @@ def test_replay_and_check_import_nothing_heavy(log: Path, tmp_path: Path) -> Non
 def test_the_heavy_ones_are_noticed(tmp_path: Path) -> None:
     code, found = run(HEAVY, "design", "paper_car", "-o", tmp_path / "plot.png")
     assert code == 0
-    assert {"matplotlib", "dctorque_can.estimators.stability"} <= set(found)
+    assert {"matplotlib", "dctorque_can.estimators.oh2014.stability"} <= set(found)
 
 
 def test_an_mf4_gets_its_reader_all_the_same(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from dctorque_can.config.load import Config, load_config
 from dctorque_can.daemon.log_plan import LogPlan, plan_for
 from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.log_quota import OwnLog, make_room, mark, own_logs
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.resources import shipped_config
 
 

@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 from mcap.writer import MCAP0_MAGIC
 
-from dctorque_can.logs.mcap_layout import RECORD_HEAD
+from dctorque_can.logs.mcap.layout import RECORD_HEAD
 
 _HEAD_BYTES = 1 << 16
 # A name may be exchanged between a look at it and its opening: what is opened then must not be followed or hang.

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from dctorque_can.logs.mcap_head import first_metadata
-from dctorque_can.logs.mcap_writer import McapLog
+from dctorque_can.logs.mcap.head import first_metadata
+from dctorque_can.logs.mcap.writer import McapLog
 
 WORDS = {"vehicle": "car", "number": "7"}
 
