@@ -27,7 +27,13 @@ class Differences:
     allowed: tuple[str, ...]
 
 
-def differences(theirs: Columns, ours: Columns, tolerance: float = 0.0, allow: Sequence[str] = ()) -> Differences:
+def differences(
+    theirs: Columns,
+    ours: Columns,
+    tolerance: float = 0.0,
+    allow: Sequence[str] = (),
+    scales: Mapping[str, float] | None = None,
+) -> Differences:
     """Compare ``ours`` to ``theirs``.
 
     Args:
@@ -36,12 +42,13 @@ def differences(theirs: Columns, ours: Columns, tolerance: float = 0.0, allow: S
         tolerance: 0 asks for equal bits; else floats may differ by this share of the largest finite value of their
             column. Integers must always be equal.
         allow: patterns of columns, with or without their table, that one side alone may have.
+        scales: by name, of columns whose tolerance is a share of this and not of their own largest value.
     """
     found, allowed = [], []
     both = [name for name in theirs if name in ours]
     for name in [*theirs, *(name for name in ours if name not in theirs)]:
         if name in both:
-            text = _difference(theirs[name], ours[name], tolerance)
+            text = _difference(theirs[name], ours[name], tolerance, (scales or {}).get(name))
             if text:
                 found.append(f"{name}: {text}")
         elif any(fnmatchcase(name, pattern) or fnmatchcase(name.split(".")[-1], pattern) for pattern in allow):
@@ -51,7 +58,9 @@ def differences(theirs: Columns, ours: Columns, tolerance: float = 0.0, allow: S
     return Differences(len(both), tuple(found), tuple(allowed))
 
 
-def _difference(theirs: NDArray[np.generic], ours: NDArray[np.generic], tolerance: float) -> str:
+def _difference(
+    theirs: NDArray[np.generic], ours: NDArray[np.generic], tolerance: float, scale: float | None
+) -> str:
     if theirs.shape != ours.shape:
         return f"shape {_shape(ours)} instead of {_shape(theirs)}"
     if theirs.dtype != ours.dtype:
@@ -59,10 +68,12 @@ def _difference(theirs: NDArray[np.generic], ours: NDArray[np.generic], toleranc
     if not np.issubdtype(theirs.dtype, np.floating):
         other = np.atleast_1d(theirs != ours)
         return _where(other, "other values") if other.any() else ""
-    return _difference_of_floats(theirs, ours, tolerance)
+    return _difference_of_floats(theirs, ours, tolerance, scale)
 
 
-def _difference_of_floats(theirs: NDArray[np.generic], ours: NDArray[np.generic], tolerance: float) -> str:
+def _difference_of_floats(
+    theirs: NDArray[np.generic], ours: NDArray[np.generic], tolerance: float, scale: float | None
+) -> str:
     a, b = theirs.astype(float), ours.astype(float)
     one_sided = np.isnan(a) != np.isnan(b)
     if one_sided.any():
@@ -72,7 +83,8 @@ def _difference_of_floats(theirs: NDArray[np.generic], ours: NDArray[np.generic]
     distance[finite] = np.abs(a[finite] - b[finite])
     distance[~finite & (a != b) & ~np.isnan(a)] = np.inf
     if tolerance > 0.0:
-        scale = max(np.abs(a[finite]).max(initial=0.0), np.abs(b[finite]).max(initial=0.0))
+        if scale is None:
+            scale = max(np.abs(a[finite]).max(initial=0.0), np.abs(b[finite]).max(initial=0.0))
         other = distance > tolerance * scale
     else:
         bits = f"u{theirs.dtype.itemsize}"

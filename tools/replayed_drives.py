@@ -1,4 +1,7 @@
-"""The six drives by which versions are compared: both cars, both kinds of sensors, delays, no shaft speeds.
+"""The six drives by which versions are compared: both cars, laboratory and production sensors, the rarer inputs.
+
+Known delays, clutch commands and thermal data are in one drive; acceleration and grade, without shaft speeds, in
+another.
 
 They are made and replayed by the command line alone, so that any two versions can be compared.
 """
@@ -48,6 +51,10 @@ DELAYS_MS = {
     "shaft2_speed": 7,
     **{f"wheel_speeds.{wheel}": 15 for wheel in ("fl", "fr", "rl", "rr")},
 }
+COMMAND = (
+    "{signal: Gearbox.Clutch%dPosition, factor: 45, offset: -135, unit: Nm, range: [-200, 500]}"  # from the travel
+)
+THERMAL = "{heat_capacity_j_per_k: 5000, cooling_w_per_k: 40, coolant_c: 90}"
 DRIVES = (
     ReplayedDrive("paper_car_laboratory", "paper_car", "laboratory"),
     ReplayedDrive("paper_car_production", "paper_car", "production"),
@@ -58,14 +65,23 @@ DRIVES = (
         "paper_car",
         "production",
         seed=2,
-        settings=tuple(f"inputs.{name}.delay_ms={delay}" for name, delay in DELAYS_MS.items()),
+        settings=(
+            *(f"inputs.{name}.delay_ms={delay}" for name, delay in DELAYS_MS.items()),
+            *(f"inputs.clutch{clutch}_command={COMMAND % clutch}" for clutch in (1, 2)),
+            *(f"vehicle.clutches.{clutch}.thermal={THERMAL}" for clutch in (1, 2)),
+        ),
     ),
     ReplayedDrive(
         "avante_without_shafts",
         "avante_dct7",
-        "production",
+        "inertial",
         seed=2,
-        settings=("inputs.shaft1_speed=null", "inputs.shaft2_speed=null"),
+        settings=(
+            "inputs.shaft1_speed=null",
+            "inputs.shaft2_speed=null",
+            "inputs.acceleration=Inertial.LongAcceleration",
+            "inputs.grade=Inertial.RoadGrade",
+        ),
         methods=("kalman", "smoothed"),  # the 2014 observer needs the shaft speeds
     ),
 )
