@@ -111,9 +111,8 @@ def install(commit: str, keep: Path) -> Side:
         CommitError: it could not be installed.
     """
     folder = keep / commit[:12]
-    side = Side(
-        commit[:12], folder / "venv" / "bin" / "python", folder, {"NUMBA_CACHE_DIR": str(folder / "numba")}
-    )
+    compiled = {"NUMBA_CACHE_DIR": str(folder / f"numba-{digest_of_compiler()}")}
+    side = Side(commit[:12], folder / "venv" / "bin" / "python", folder, compiled)
     if (folder / INSTALLED).exists():
         return side
     progress(f"installing {side.name} in {folder}")
@@ -150,13 +149,22 @@ def alone(keep: Path, commit: str) -> Iterator[None]:
         yield
 
 
-def digest_of_machine() -> str:
-    """Return a word for what may change the last bit: processor, and settings of numba and the BLAS."""
+def digest_of_compiler() -> str:
+    """Return a word for what changes compiled code beside its source: the processor and settings of numba."""
+    return _digest(("NUMBA_",))
+
+
+def digest_of_arithmetic() -> str:
+    """Return a word for what may change the last bit of a result: that, and settings of the BLAS."""
+    return _digest(("NUMBA_", "OPENBLAS_", "OMP_", "MKL_"))
+
+
+def _digest(prefixes: tuple[str, ...]) -> str:
     words = [platform.machine()]
     for line in Path("/proc/cpuinfo").read_text().splitlines():
         if line.startswith(("model name", "flags", "Features", "CPU part")):
             words.append(line)
     for name, value in sorted(os.environ.items()):
-        if name.startswith(("NUMBA_", "OPENBLAS_", "OMP_", "MKL_")) and name != "NUMBA_CACHE_DIR":
+        if name.startswith(prefixes) and name != "NUMBA_CACHE_DIR":
             words.append(f"{name}={value}")
     return hashlib.sha256("\n".join(words).encode()).hexdigest()[:12]

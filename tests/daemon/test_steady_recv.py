@@ -5,8 +5,8 @@ import pytest
 
 from dctorque_can.daemon.steady_recv import receive_by_steady_clock
 
-from . import test_link
 from ..clock import Clock
+from . import test_link
 
 
 def test_a_clock_that_is_set_back_while_the_bus_is_silent_does_not_hold_up_receiving(
