@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 from commit_environment import progress
-from dctorque_can.logs.mcap_writer import McapLog
 
 from dctorque_can import __version__
 from dctorque_can.config.load import Config
 from dctorque_can.logs.convert import write_frames
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import mixed_drive, simulate
 from dctorque_can.simulation.sensors import PRODUCTION, emit_frames

@@ -17,13 +17,13 @@ from typing import Any
 
 import can
 import numpy as np
-from dctorque_can.logs.mcap_writer import McapLog
-from dctorque_can.logs.table import ESTIMATES, HEALTH
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType, Writer
 
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import Config
+from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH
+from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Samples

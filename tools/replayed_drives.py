@@ -108,7 +108,7 @@ def replay(side: Side, drive: ReplayedDrive, method: str, log: Path, out: Path, 
 
 def columns(log: Path) -> dict[str, NDArray[np.generic]]:
     """Return every column of estimates and health of an MCAP log by name, such as ``estimates.status``."""
-    from dctorque_can.logs.mcap_reader import read_table  # numba: a second that wrong usage need not wait
+    from dctorque_can.logs.mcap.reader import read_table  # numba: a second that wrong usage need not wait
 
     found = {}
     for table, topic in TOPICS.items():

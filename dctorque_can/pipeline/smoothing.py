@@ -44,7 +44,7 @@ class _Segment(NamedTuple):
 class Smoother:
     """An `Estimator` that can be asked, after all samples were fed, what all of them say of every moment.
 
-    Memory grows with the recording: 19 bytes per sample and a snapshot of 11 kB for each segment or each call of
+    Memory grows with the recording: 19 bytes per sample and a snapshot of 13 kB for each segment or each call of
     `feed`, whichever is shorter.
 
     Args:

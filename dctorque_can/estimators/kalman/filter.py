@@ -215,9 +215,13 @@ def predict(
     decide_rates(f, tuning, phase_1, phase_2, seconds)
     decide_brake_rate(f, tuning, brakes, stands, seconds)
     admit_parameter_errors(f, tuning, seconds)
+    if rest < FINEST_US:  # another frame at the same instant
+        return
     q = process_noise(f, tuning, phase_1, phase_2)
     first = tables.row[f.gear[0] + 1, f.gear[1] + 1]
     for step in range(len(_STEPS)):
+        if rest < FINEST_US:
+            break
         while rest >= _STEPS[step]:
             rest -= _STEPS[step]
             f.t_us += _STEPS[step]

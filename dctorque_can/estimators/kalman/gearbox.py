@@ -12,6 +12,7 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman.filter import forget, measure
 from dctorque_can.estimators.kalman.model import (
+    OUTPUT,
     R_1,
     T_C1,
     T_C2,
@@ -22,7 +23,6 @@ from dctorque_can.estimators.kalman.model import (
     W_C1,
     W_D,
     W_E,
-    N,
     Tables,
 )
 from dctorque_can.estimators.kalman.tuning import SLIDING
@@ -114,7 +114,7 @@ def work_out_torques(f: Any, tables: Tables, tuning: Any) -> None:
     if f.gear[1] == 0:
         f.T_c2 = tuning.drag[1] * (f.x[W_D] - f.x[W_C1 + 1])
     T_o = 0.0
-    for i in range(N):
+    for i in OUTPUT:
         T_o += tables.output[i] * f.x[i]
     f.T_o = T_o
 
@@ -132,8 +132,7 @@ def work_out_deviations(f: Any, tables: Tables, tuning: Any) -> None:
     if f.gear[0] == 0 or f.gear[1] == 0:
         f.correlation = 0.0
     variance = 0.0
-    for i in range(N):
-        if tables.output[i] != 0.0:
-            for j in range(N):
-                variance += tables.output[i] * tables.output[j] * f.P[i, j]
+    for i in OUTPUT:
+        for j in OUTPUT:
+            variance += tables.output[i] * tables.output[j] * f.P[i, j]
     f.sigma_o = math.sqrt(max(variance, 0.0))

@@ -88,6 +88,9 @@ ENGINE = (W_E, W_D, TH_D)
 CAR = (W_C1, W_C2, W_O, W_W, W_B, TH_T1, TH_T2, TH_O, T_X)
 """States of the gearbox's and the car's side."""
 
+OUTPUT = (W_O, W_W, TH_O)
+"""States that T_o depends on."""
+
 COUPLED = T_X + 1
 """Number of these: they come first."""
 
@@ -169,7 +172,7 @@ def continuous(
         A[T_X, R_1 + i] = arm_out / arm_in
         A[TH_T1 + i, [W_C1 + i, W_O]] = 1.0 / gear.ratio, -gear.final_drive
     T_o = np.zeros(N)
-    T_o[[TH_O, W_O, W_W]] = output.stiffness_nm_per_rad, output.damping_nms_per_rad, -output.damping_nms_per_rad
+    T_o[list(OUTPUT)] = output.damping_nms_per_rad, -output.damping_nms_per_rad, output.stiffness_nm_per_rad
     A[W_O] -= T_o / J_o
     A[TH_O, [W_O, W_W]] = 1.0, -1.0
     J_w = 0.5 * chassis.wheel_inertia_kgm2  # two of four wheels are driven
