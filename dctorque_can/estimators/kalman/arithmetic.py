@@ -237,15 +237,8 @@ def take_measurement(f: Any, i: int, e: float, variance: float) -> float:
         e: innovation.
         variance: R, of the measurement.
     """
+    S = weigh(f, i, e, variance)
     P, h = f.P, f.h
-    S = P[i, i] + variance
-    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), variance / S
-    for k in range(N):
-        along = P[i, k]
-        f.K[k] = along * inverse
-        f.x[k] += f.K[k] * e
-        h[k] = along * root
-        f.along[k] = along * rest
     for k in range(0, N, _AT_ONCE):
         h_0, h_1, h_2 = h[k], h[k + 1], h[k + 2]
         for m in range(N):
@@ -255,4 +248,55 @@ def take_measurement(f: Any, i: int, e: float, variance: float) -> float:
             P[k + 2, m] -= h_2 * h_m
     for k in range(N):
         P[k, i] = P[i, k] = f.along[k]
+    return S
+
+
+@compiled_without_allocation
+def weigh(f: Any, i: int, e: float, variance: float) -> float:
+    """Let a measurement of x_i act on x alone; leave K, h = P e_i / √S and the new row i of P; return S."""
+    S = f.P[i, i] + variance
+    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), variance / S
+    for k in range(N):
+        along = f.P[i, k]
+        f.K[k] = along * inverse
+        f.x[k] += f.K[k] * e
+        f.h[k] = along * root
+        f.along[k] = along * rest
     return float(S)
+
+
+@compiled_without_allocation
+def weigh_second(f: Any, i: int, j: int, e: float, variance: float) -> float:
+    """`weigh` a measurement of x_j after that of x_i, which has not acted on P yet."""
+    h_j = f.h[j]
+    for k in range(N):
+        f.along_2[k] = f.P[j, k] - h_j * f.h[k]
+    f.along_2[i] = f.along[j]
+    S = f.along_2[j] + variance
+    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), variance / S
+    for k in range(N):
+        along = f.along_2[k]
+        f.K[k] = along * inverse
+        f.x[k] += f.K[k] * e
+        f.h_2[k] = along * root
+        f.along_2[k] = along * rest
+    return float(S)
+
+
+@compiled_without_allocation
+def take_both(f: Any, i: int, j: int) -> None:
+    """Let both measurements that were weighed act on P, in one way through it."""
+    P, h, g = f.P, f.h, f.h_2
+    for k in range(0, N, _AT_ONCE):
+        h_0, h_1, h_2 = h[k], h[k + 1], h[k + 2]
+        g_0, g_1, g_2 = g[k], g[k + 1], g[k + 2]
+        for m in range(N):
+            h_m, g_m = h[m], g[m]
+            P[k, m] -= h_0 * h_m + g_0 * g_m
+            P[k + 1, m] -= h_1 * h_m + g_1 * g_m
+            P[k + 2, m] -= h_2 * h_m + g_2 * g_m
+    g_i = g[i]
+    for k in range(N):
+        P[k, i] = P[i, k] = f.along[k] - g_i * g[k]
+    for k in range(N):
+        P[k, j] = P[j, k] = f.along_2[k]

@@ -73,6 +73,8 @@ FILTER = np.dtype(
         ("h", "f8", (N,)),
         ("K", "f8", (N,)),
         ("along", "f8", (N,)),
+        ("h_2", "f8", (N,)),
+        ("along_2", "f8", (N,)),
         ("rate", "f8", (N,)),  # of the state over the last step
         ("torque_rate", "f8", (2,)),  # N·m/s, how fast a clutch torque may change now
         ("recent_torque", "f8"),  # N·m, what T_en, T_o, T_v and the engine's inertial torque were lately
@@ -246,6 +248,16 @@ def measure(f: Any, i: int, z: float, variance: float) -> None:
     e = z - f.x[i]
     S = arithmetic.take_measurement(f, i, e, variance)
     tape.measured(f, i, S, e)
+
+
+@compiled_without_allocation
+def measure_two(f: Any, i: int, z_i: float, variance_i: float, j: int, z_j: float, variance_j: float) -> None:
+    """Take a measurement of x_i and then one of x_j, which is another state; P is gone through once."""
+    e = z_i - f.x[i]
+    tape.measured(f, i, kalman_arithmetic.weigh(f, i, e, variance_i), e)
+    e = z_j - f.x[j]
+    tape.measured(f, j, kalman_arithmetic.weigh_second(f, i, j, e, variance_j), e)
+    kalman_arithmetic.take_both(f, i, j)
 
 
 @compiled_without_allocation

@@ -10,7 +10,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman.filter import forget, measure
+from dctorque_can.estimators.kalman.filter import forget, measure, measure_two
 from dctorque_can.estimators.kalman.model import (
     OUTPUT,
     R_1,
@@ -41,8 +41,7 @@ def apply_phases(f: Any, tuning: Any, open_1: bool, open_2: bool) -> None:
             measure(f, T_C1 + i, 0.0, _NEUTRAL_TRUST * tuning.neutral[i] ** 2)
         elif open_1 if i == 0 else open_2:
             drag = tuning.drag[i] * (f.x[W_D] - f.x[W_C1 + i])
-            measure(f, T_C1 + i, drag, tuning.open_torque**2)
-            measure(f, R_1 + i, 0.0, tuning.rate[_OPEN] ** 2)
+            measure_two(f, T_C1 + i, drag, tuning.open_torque**2, R_1 + i, 0.0, tuning.rate[_OPEN] ** 2)
 
 
 @compiled_without_allocation

@@ -71,6 +71,25 @@ def test_a_measurement_is_the_textbook_s_in_joseph_s_form(i, share):
     np.testing.assert_allclose(f["P"][i], P[i] * variance / S, rtol=1e-14)  # no small difference of large numbers
 
 
+@pytest.mark.parametrize(("i", "j"), [(State.T_C1, State.R_1), (State.R_2, State.T_C2), (State.W_E, State.LAG_2)])
+@pytest.mark.parametrize("share", [1e-6, 1.0, 1e6], ids=["sure", "as the state", "vague"])
+def test_two_measurements_at_once_are_one_after_the_other(i, j, share):
+    k = new_filter("paper_car")
+    f, other = k.state[0], k.state.copy()[0]
+    fill(f, np.random.default_rng(8))
+    other["x"][:], other["P"][:] = f["x"], f["P"]
+    P, z = f["P"].copy(), f["x"] + SIZES
+    for state in (i, j):
+        kalman.measure(other, state, z[state], share * P[state, state])
+    kalman.measure_two(f, i, z[i], share * P[i, i], j, z[j], share * P[j, j])
+    np.testing.assert_allclose(f["x"], other["x"], rtol=1e-11)
+    np.testing.assert_allclose(f["K"], other["K"], rtol=1e-9, atol=1e-12 * np.abs(other["K"]).max())
+    size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
+    np.testing.assert_allclose(f["P"] / size, other["P"] / size, rtol=0.0, atol=1e-12)
+    np.testing.assert_array_equal(f["P"], f["P"].T)
+    np.testing.assert_allclose(f["P"][j], other["P"][j], rtol=1e-9, atol=1e-14 * size[j].max() * share)
+
+
 @pytest.mark.parametrize(
     ("noise", "variance"), [(1e-6, 1e-10), (1.0, 1e-4), (1e6, 1e-10), (1e6, 1e8), (1e-6, 1e8)]
 )
@@ -88,8 +107,7 @@ def test_the_covariance_stays_one_however_extreme_the_noises_are(noise, variance
         f["x"][:] = f["next"]
         kalman.measure(f, speeds[n % 5], f["x"][speeds[n % 5]], variance)
         if n % 3 == 0:
-            kalman.measure(f, State.T_C1, 0.0, variance)
-            kalman.measure(f, State.R_1, 0.0, variance)
+            kalman.measure_two(f, State.T_C1, 0.0, variance, State.R_1, 0.0, variance)
         if n % 100 == 99:
             np.testing.assert_array_equal(f["P"], f["P"].T)
             sigma = np.sqrt(np.diag(f["P"]))
