@@ -254,10 +254,10 @@ def measure(f: Any, i: int, z: float, variance: float) -> None:
 def measure_two(f: Any, i: int, z_i: float, variance_i: float, j: int, z_j: float, variance_j: float) -> None:
     """Take a measurement of x_i and then one of x_j, which is another state; P is gone through once."""
     e = z_i - f.x[i]
-    tape.measured(f, i, kalman_arithmetic.weigh(f, i, e, variance_i), e)
+    tape.measured(f, i, arithmetic.weigh(f, i, e, variance_i), e)
     e = z_j - f.x[j]
-    tape.measured(f, j, kalman_arithmetic.weigh_second(f, i, j, e, variance_j), e)
-    kalman_arithmetic.take_both(f, i, j)
+    tape.measured(f, j, arithmetic.weigh_second(f, i, j, e, variance_j), e)
+    arithmetic.take_both(f, i, j)
 
 
 @compiled_without_allocation
