@@ -6,7 +6,7 @@
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar, cast
 
-from numba import njit, types
+from numba import njit, typeof, types
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -24,6 +24,16 @@ def compiled_without_allocation(function: Callable[P, R]) -> Callable[P, R]:
     instructions that cost a loop over small steps five times its work. All functions it calls must be so too.
     """
     return _compile(function, _nrt=False)
+
+
+def entry(function: Callable[..., R], arguments: tuple[Any, ...]) -> Callable[..., R]:
+    """Return the machine code of a compiled function for arguments of the very types of these.
+
+    Calling the function itself finds out which machine code fits, and that costs more than a few samples do.
+    Arguments of other types, or arrays that are not contiguous, would be misread.
+    """
+    type_of: Callable[[Any], Any] = typeof
+    return cast(Callable[..., R], cast(Any, function).compile(tuple(type_of(each) for each in arguments)))
 
 
 def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:

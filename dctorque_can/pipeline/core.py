@@ -165,6 +165,7 @@ def take(p: Parts, rules: Any, queue: Any, place: int, t_us: int) -> None:
 
 @compiled_without_allocation
 def run(
+    n: int,
     t_us: NDArray[np.int64],
     quantities: NDArray[np.uint8],
     values: NDArray[np.float64],
@@ -179,7 +180,7 @@ def run(
     rows: NDArray[np.void],
     health_rows: NDArray[np.void],
 ) -> tuple[int, int]:
-    """Feed samples; return how many estimates and health rows were written.
+    """Feed the first n samples; return how many estimates and health rows were written.
 
     Where ``wanted`` is not empty, it tells after which samples an estimate is written, instead of the period.
     Where health is ``asked`` for, another row of it is written at the end.
@@ -187,9 +188,9 @@ def run(
     rules, queue = rule[0], queues[0]
     core, inputs = now.core[0], now.inputs[0]
     n_rows = n_health = 0
-    for k in range(len(t_us) + (1 if asked else 0)):
+    for k in range(n + (1 if asked else 0)):
         sound, estimate_due, health_due = False, False, True
-        if k < len(t_us):
+        if k < n:
             quantity = int(quantities[k])
             if inputs.mapped[quantity]:
                 receive(now, rules, queue, t_us[k], quantity, values[k], int(statuses[k]))
@@ -207,7 +208,7 @@ def run(
                 core.health_us = present_us
         shows = estimate_due or health_due
         shown = now
-        looks, n = False, 0  # ahead, to the n-th that waits
+        looks, seen = False, 0  # ahead, to those that wait
         while sound or shows:
             if not looks and sound and delays.is_ripe(queue, core.arrived_us, rules.longest_delay_us):
                 place = delays.take_oldest(queue)  # for good
@@ -217,9 +218,9 @@ def run(
                 delays.copy(now, ahead)
                 shown, looks = ahead, True
                 continue
-            elif n < queue.count:
-                place = delays.nth(queue, n)
-                n += 1
+            elif seen < queue.count:
+                place = delays.nth(queue, seen)
+                seen += 1
             elif ahead.inputs[0].t_us < core.arrived_us:
                 place = -1
             else:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.compiled import entry
 from dctorque_can.driveline.gear_pair import singular_pairs
 from dctorque_can.driveline.parameters import MAX_GEAR, Vehicle
 from dctorque_can.errors import DctorqueError
@@ -16,9 +18,8 @@ from dctorque_can.pipeline.rules import rules
 from dctorque_can.pipeline.samples import N_QUANTITIES, Samples
 from dctorque_can.pipeline.settings import Settings
 
-NO_SAMPLES = Samples(
-    np.zeros(0, np.int64), np.zeros(0, np.uint8), np.zeros(0), np.zeros(0, np.uint8), np.zeros(0, np.bool_)
-)
+FEW = 256  # samples, for which there is always room: a live batch
+NO_SAMPLES = Samples.zeros(0)
 NO_ROWS = np.zeros(0, ESTIMATE)
 NO_HEALTH = np.zeros(0, HEALTH)
 BY_PERIOD = np.zeros(0, np.bool_)
@@ -48,6 +49,10 @@ class Estimator:
         self._now = parts.new(chosen, settings, self._rules["coolant"][0])
         self._ahead = parts.new(chosen, settings, self._rules["coolant"][0])
         self._queue = delays.new()
+        self._inbox = Samples.zeros(FEW)
+        self._rows, self._health_rows = np.zeros(FEW, ESTIMATE), np.zeros(FEW, HEALTH)
+        self._small = self._arguments(self._inbox, BY_PERIOD, False, self._rows, self._health_rows)
+        self._run_small: Callable[..., tuple[int, int]] | None = None
 
     def feed(self, samples: Samples, wanted: NDArray[np.bool_] = BY_PERIOD) -> Estimates:
         """Take samples in order of arrival and return the estimates that became due.
@@ -56,35 +61,38 @@ class Estimator:
             samples: any number of them.
             wanted: bool ``[n]``, after which samples an estimate is wanted; empty: as they become due.
         """
+        if len(samples) <= FEW and not len(wanted):
+            return self._feed_few(samples)
         rows = np.zeros(int(np.count_nonzero(wanted if len(wanted) else samples.last)), ESTIMATE)
         # untouched rows cost no memory
         health = np.zeros(int(np.count_nonzero(samples.last)), HEALTH)
-        n_rows, n_health = self._run(samples, wanted, False, rows, health)
+        n_rows, n_health = core.run(len(samples), *self._arguments(samples, wanted, False, rows, health))
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 
-    def _run(
+    def _feed_few(self, samples: Samples) -> Estimates:
+        """Feed what came live since the last time, by way of arrays that are always the same."""
+        n, inbox = len(samples), self._inbox
+        inbox.t_us[:n], inbox.quantity[:n], inbox.value[:n] = samples.t_us, samples.quantity, samples.value
+        inbox.status[:n], inbox.last[:n] = samples.status, samples.last
+        if self._run_small is None:
+            self._run_small = entry(core.run, (n, *self._small))
+        n_rows, n_health = self._run_small(n, *self._small)
+        return Estimates(
+            _copied(self._rows, n_rows) if n_rows else NO_ROWS,
+            _copied(self._health_rows, n_health) if n_health else NO_HEALTH,
+        )
+
+    def _arguments(
         self,
         samples: Samples,
         wanted: NDArray[np.bool_],
         asked: bool,
         rows: NDArray[np.void],
         health: NDArray[np.void],
-    ) -> tuple[int, int]:
-        return core.run(
-            samples.t_us,
-            samples.quantity,
-            samples.value,
-            samples.status,
-            samples.last,
-            wanted,
-            asked,
-            self._rules,
-            self._now,
-            self._ahead,
-            self._queue,
-            rows,
-            health,
-        )
+    ) -> tuple[Any, ...]:
+        """Return the arguments of `core.run` after the first."""
+        columns = samples.t_us, samples.quantity, samples.value, samples.status, samples.last
+        return *columns, wanted, asked, self._rules, self._now, self._ahead, self._queue, rows, health
 
     @property
     def chosen(self) -> Any:
@@ -110,7 +118,7 @@ class Estimator:
     def health(self) -> NDArray[np.void]:
         """`HEALTH` ``[1]``: the counters at the time of the last frame."""
         row = np.zeros(1, HEALTH)
-        self._run(NO_SAMPLES, BY_PERIOD, True, NO_ROWS, row)
+        core.run(0, *self._arguments(NO_SAMPLES, BY_PERIOD, True, NO_ROWS, row))
         return row
 
 
@@ -121,6 +129,11 @@ def warm_up(settings: Settings) -> None:
     Estimator(settings).feed(
         Samples(np.zeros(n, np.int64), quantities, np.zeros(n), np.zeros(n, np.uint8), np.arange(n) == n - 1)
     )
+
+
+def _copied(rows: NDArray[np.void], n: int) -> NDArray[np.void]:
+    """Return a copy of the first n rows, at once instead of field by field as numpy would."""
+    return rows[:n].view(np.uint8).copy().view(rows.dtype)
 
 
 def _refuse_singular_pairs(vehicle: Vehicle) -> None:

@@ -11,7 +11,7 @@ from dctorque_can.estimators import contract
 from dctorque_can.estimators.inputs import gears_known, phases_known
 from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.decisions import any_stale
-from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.estimates import SENSORS, Status
 from dctorque_can.pipeline.parts import Parts
 from dctorque_can.pipeline.samples import N_QUANTITIES
 from dctorque_can.pipeline.thresholds import IMPLAUSIBLE_TIME_US
@@ -23,16 +23,17 @@ _PHASES_KNOWN = int(Status.PHASES_KNOWN)
 _INPUT_STALE = int(Status.INPUT_STALE)
 _SPEED_IMPLAUSIBLE = int(Status.SPEED_IMPLAUSIBLE)
 _LIMITED = int(Status.LIMITED)
+_SENSORS = len(SENSORS)
 
 
 @compiled_without_allocation
 def publish(p: Parts, rules: Any, row: Any) -> None:
     """Write one estimate."""
     core, inputs, answer = p.core[0], p.inputs[0], p.answer[0]
+    clear(row)
     row.t_us = inputs.t_us
     row.gear1, row.gear2 = inputs.gear[0], inputs.gear[1]
     row.phase1, row.phase2 = inputs.phase[0], inputs.phase[1]
-    leave_unknown(row)
     status = contract.conclude(p.chosen, inputs, answer, row)
     limited = limit(inputs, row)
     core.status = judge(core, inputs, bool(answer.running), status, limited)
@@ -41,10 +42,15 @@ def publish(p: Parts, rules: Any, row: Any) -> None:
 
 
 @compiled_without_allocation
-def leave_unknown(row: Any) -> None:
-    """Say of all that only some estimators know that it is not known."""
+def clear(row: Any) -> None:
+    """Empty an estimate; of all that only some estimators know it says that it is not known."""
+    row.clutch1_torque_nm = row.clutch2_torque_nm = row.output_torque_nm = row.clutch_torque_sum_nm = 0.0
     row.clutch1_sigma_nm = row.clutch2_sigma_nm = row.output_sigma_nm = row.clutch_correlation = math.nan
     row.clutch1_torque_uio_nm = row.clutch2_torque_uio_nm = row.output_torque_adaptive_nm = math.nan
+    row.engine_torque_nm = row.road_load_nm = row.engine_speed_rad_s = row.wheel_acceleration_rad_s2 = 0.0
+    row.clutch1_slip_rad_s = row.clutch2_slip_rad_s = 0.0
+    row.clutch1_residual_nm = row.clutch2_residual_nm = 0.0
+    row.recirculated_torque_nm = row.tie_up_probability = 0.0
 
 
 @compiled_without_allocation
@@ -103,6 +109,11 @@ def judge(core: Any, inputs: Any, running: bool, status: int, limited: bool) -> 
 def report(inputs: Any, health: Any, row: Any) -> None:
     """Copy the counters into a health row."""
     row.t_us = inputs.t_us
+    for sensor in range(_SENSORS):
+        row.innovations[sensor] = row.innovations_rejected[sensor] = 0
+        row.innovation_squares[sensor] = 0.0
+    row.engine_torque_gain_error = row.engine_torque_gain_sigma = 0.0
+    row.engine_torque_lag_error_s = row.engine_torque_lag_sigma_s = 0.0
     for quantity in range(N_QUANTITIES):
         row.accepted[quantity] = health.accepted[quantity]
         row.not_available[quantity] = health.not_available[quantity]

@@ -76,6 +76,13 @@ class Samples:
     status: NDArray[np.uint8]
     last: NDArray[np.bool_]
 
+    @classmethod
+    def zeros(cls, n: int) -> Self:
+        """Return room for n samples."""
+        return cls(
+            np.zeros(n, np.int64), np.zeros(n, np.uint8), np.zeros(n), np.zeros(n, np.uint8), np.zeros(n, np.bool_)
+        )
+
     def __len__(self) -> int:
         return len(self.t_us)
 
