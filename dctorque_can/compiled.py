@@ -36,23 +36,26 @@ def entry(function: Callable[..., R], arguments: tuple[Any, ...]) -> Callable[..
     return cast(Callable[..., R], cast(Any, function).compile(tuple(type_of(each) for each in arguments)))
 
 
-def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
+def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    """Return what Python and compiled code call, for each of which a function is compiled apart.
+
+    Only what Python enters has a way in for it and is kept on disk: it holds all that it calls. Those are most of
+    the functions, and would otherwise take twice as long.
+    """
     try:
-        machine_code = cast(Any, njit)(cache=True, error_model="numpy", **options)(function)
+        entered = cast(Any, njit)(cache=True, error_model="numpy", **options)(function)
     except RuntimeError:  # no place for a cache: a service user without a home; it compiles at every start
-        machine_code = cast(Any, njit)(error_model="numpy", **options)(function)
-    machine_code.get_call_template = _once_for_all_literals(machine_code.get_call_template)
-    return cast(Callable[P, R], machine_code)
-
-
-def _once_for_all_literals(get_call_template: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a function be compiled once for an argument of a type, instead of anew for each constant given to it."""
-
+        entered = cast(Any, njit)(error_model="numpy", **options)(function)
+    called = cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, error_model="numpy", **options)(
+        function
+    )
     unliteral: Callable[[Any], Any] = types.unliteral
 
-    def plain(args: Any, kws: Any) -> Any:
-        return get_call_template(
-            tuple(unliteral(arg) for arg in args), {name: unliteral(arg) for name, arg in kws.items()}
-        )
+    def get_call_template(args: Any, kws: Any) -> Any:
+        # once for a type, instead of anew for each constant that is given
+        plain = {name: unliteral(arg) for name, arg in kws.items()}
+        return called.get_call_template(tuple(unliteral(arg) for arg in args), plain)
 
-    return plain
+    entered.get_call_template = get_call_template
+    entered.get_overload = called.get_overload
+    return cast(Callable[P, R], entered)
