@@ -82,7 +82,7 @@ class Nis:
 
 
 def bands(error: Floats, sigma: Floats) -> Bands | None:
-    """Judge the standard deviations of one torque; rows without one (σ ≤ 0) do not count.
+    """Judge the standard deviations of one torque; rows without one (NaN, or σ ≤ 0) do not count.
 
     Args:
         error: estimate minus truth ``[n]``, N·m.
@@ -109,7 +109,7 @@ def nees(parts: Sequence[tuple[Floats, Floats, Floats, Flags]]) -> Nees | None:
             correlation ``[n]``, and which rows to take ``[n]``.
 
     Returns:
-        None when no row states a covariance; rows whose covariance has no inverse do not count.
+        None when no row states a covariance; rows without one (NaN), or with one that has no inverse, do not count.
     """
     series = []
     log_determinants = []

@@ -83,7 +83,7 @@ def _status(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
 
 def _uncertainty(rows: NDArray[np.void], state: Column) -> dict[str, Column]:
     sigma1, sigma2, output = rows["clutch1_sigma_nm"], rows["clutch2_sigma_nm"], rows["output_sigma_nm"]
-    known1 = _has(rows, Status.CLUTCH1_VALID) & (sigma1 > 0.0)  # zero: the estimator knows none
+    known1 = _has(rows, Status.CLUTCH1_VALID) & (sigma1 > 0.0)  # NaN: the method states none
     known2 = _has(rows, Status.CLUTCH2_VALID) & (sigma2 > 0.0)
     known = _has(rows, Status.OUTPUT_VALID) & (output > 0.0)
     return {
@@ -160,7 +160,8 @@ CONTENTS: dict[str, Callable[[NDArray[np.void], Column], dict[str, Column]]] = {
     "DctClutchResidual": _residuals,
     "DctClutchTemperature": _temperatures,
 }
-"""Physical values of each message by signal name, in the unit of the DBC; NaN where a value is not valid."""
+"""Physical values of each message by signal name, in the unit of the DBC; NaN where a value is not valid, or not known
+to the method (`estimates.ONLY_KALMAN`, `estimates.ONLY_OH2014`)."""
 
 _DEGRADED_BITS = np.uint32(Status.INPUT_STALE | Status.SPEED_IMPLAUSIBLE | Status.LIMITED)
 _CONVERGED_BIT = np.uint32(Status.CONVERGED)

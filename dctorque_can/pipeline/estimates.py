@@ -48,16 +48,16 @@ ESTIMATE = np.dtype(
         ("clutch1_torque_nm", "f8"),  # after attenuation
         ("clutch2_torque_nm", "f8"),
         ("output_torque_nm", "f8"),  # (31), from the clutch torques, after efficiency
-        ("output_torque_adaptive_nm", "f8"),  # T_n + τ_o dω_w/dt
+        ("output_torque_adaptive_nm", "f8"),  # T_n + τ_o dω_w/dt, (47)
         ("clutch1_sigma_nm", "f8"),  # standard deviations of the three torques
         ("clutch2_sigma_nm", "f8"),
         ("output_sigma_nm", "f8"),
         ("clutch_correlation", "f8"),  # of the errors of both clutch torques, −1 … 1
         ("clutch1_torque_uio_nm", "f8"),  # (65)
         ("clutch2_torque_uio_nm", "f8"),  # (66)
-        ("clutch_torque_sum_nm", "f8"),  # T_c of (59), (60)
-        ("engine_torque_nm", "f8"),  # T_en + ω_e τ_e
-        ("road_load_nm", "f8"),  # T_n
+        ("clutch_torque_sum_nm", "f8"),  # T_c of (59), (60), or the sum of both
+        ("engine_torque_nm", "f8"),  # corrected: T_en + ω_e τ_e, or the filter's
+        ("road_load_nm", "f8"),  # T_n, or T_v
         ("engine_speed_rad_s", "f8"),
         ("clutch1_slip_rad_s", "f8"),  # ω_e - ω_c1
         ("clutch2_slip_rad_s", "f8"),

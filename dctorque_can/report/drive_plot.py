@@ -25,7 +25,7 @@ def drive_figure(estimates: NDArray[np.void], truth: NDArray[np.void] | None, ti
     """Draw a drive.
 
     Args:
-        estimates: `ESTIMATE` ``[n]``, at least one row.
+        estimates: `ESTIMATE` ``[n]``, at least one row; no band where σ is NaN, not known.
         truth: rows of a simulation on the same time scale, or None.
         title: stands above the panels.
 
@@ -50,7 +50,7 @@ def drive_figure(estimates: NDArray[np.void], truth: NDArray[np.void] | None, ti
         if truth is not None:
             axis.plot((truth["t_us"] - start) / 1e6, truth[f"{name}_torque_nm"], **_TRUE)
         axis.plot(seconds, torque, color=colour, **_ESTIMATED)
-        if sigma.any():
+        if (sigma > 0).any():
             _band(axis, seconds, torque, sigma, colour)
         axis.set_ylabel(label)
         axis.legend(loc="upper right", fontsize=9, framealpha=0.9)

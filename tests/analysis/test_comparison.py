@@ -102,11 +102,12 @@ def test_the_log_score_is_that_of_scipy() -> None:
     assert found.log_score == pytest.approx(-stats.norm.logpdf(error, scale=sigma).mean())
 
 
-def test_rows_that_state_nothing_do_not_count() -> None:
-    found = bands(np.array([9.0, 0.1, 1.0]), np.array([0.0, 1.0, 1.0]))
+@pytest.mark.parametrize("nothing", [np.nan, 0.0])
+def test_rows_that_state_nothing_do_not_count(nothing: float) -> None:
+    found = bands(np.array([9.0, 0.1, 1.0]), np.array([nothing, 1.0, 1.0]))
     assert found is not None
     assert (found.samples, found.coverage) == (2, (0.5, 1.0, 1.0))
-    assert bands(np.ones(3), np.zeros(3)) is None
+    assert bands(np.ones(3), np.full(3, nothing)) is None
 
 
 # NEES
@@ -155,6 +156,12 @@ def test_drives_are_taken_together_and_rows_without_a_covariance_left_out() -> N
     assert partly is not None
     assert partly.samples == 30
     assert nees([(error, np.zeros((50, 2)), correlation, rows)]) is None
+    sigma[:10, 1], correlation[10:20], correlation[20:25] = np.nan, 1.0, np.nan
+    less = nees([(error, sigma, correlation, rows)])
+    assert less is not None
+    assert less.samples == 25
+    assert less.mean == pytest.approx(nees([(error[25:], sigma[25:], correlation[25:], rows[25:])]).mean)  # type: ignore[union-attr]
+    assert nees([(error, np.full((50, 2), np.nan), np.full(50, np.nan), rows)]) is None
 
 
 @pytest.mark.parametrize("count", [1.0, 7.5, 93.0, 5000.0])
@@ -254,7 +261,7 @@ def test_the_limits_hold_the_mean_nees_of_correlated_errors_as_often_as_they_say
 # A whole comparison
 
 
-def drive(lag: float = 0.02, bias: float = 3.0, sigma: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def drive(lag: float = 0.02, bias: float = 3.0, sigma: float = np.nan) -> tuple[np.ndarray, np.ndarray]:
     """Return estimates and truth of 6 s in which clutch 1 hands over to clutch 2 from 2.0 to 2.5 s."""
     truth = np.zeros(6001, TRUTH)
     t_s = np.arange(6001) / 1000
@@ -269,6 +276,7 @@ def drive(lag: float = 0.02, bias: float = 3.0, sigma: float = 0.0) -> tuple[np.
         rows[field] = sine((rows["t_us"] - START_US) / 1e6 - lag) + bias
     for name in ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm"):
         rows[name] = sigma
+    rows["clutch_correlation"] = 0.0 * sigma
     return rows, truth
 
 

@@ -13,7 +13,7 @@ from dctorque_can.bus.database import DatabaseFile, load_database
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline.estimates import ESTIMATE, Status
+from dctorque_can.pipeline.estimates import ESTIMATE, ONLY_KALMAN, ONLY_OH2014, Status
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
 from .demo import DATABASE as DEMO_DATABASE
@@ -182,13 +182,28 @@ def not_available(rows):
         ("output_sigma_nm", {"OutputSigma"}),
     ],
 )
-def test_a_standard_deviation_of_zero_is_unknown(unknown, signal):
-    """The 2014 observer states none; the torques themselves stay valid."""
-    rows = estimates([0], **{unknown: 0.0})
+@pytest.mark.parametrize("nothing", [math.nan, 0.0])
+def test_a_standard_deviation_that_is_not_stated_is_not_sent(unknown, signal, nothing):
+    """The torques themselves stay valid."""
+    rows = estimates([0], **{unknown: nothing})
     assert not_available(rows) == signal
     uncertainty = read(OutputEncoder(DATABASE).encode(rows))["DctUncertainty"]
     valid = {name: uncertainty[f"{name}SigmaValid"] for name in ("Clutch1", "Clutch2", "Output")}
     assert valid == {name: int(f"{name}Sigma" not in signal) for name in valid}
+
+
+@pytest.mark.parametrize(
+    ("unknown", "method", "signals"),
+    [
+        (ONLY_KALMAN, "oh2014", {"Clutch1Sigma", "Clutch2Sigma", "OutputSigma", "ClutchCorrelation"}),
+        (ONLY_OH2014, "kalman", {"OutputTorqueAdaptive"}),
+    ],
+)
+def test_what_the_method_does_not_know_is_sent_as_not_available(unknown, method, signals):
+    """Everything is valid; columns of the other method are NaN. The DBC says of each signal that this may be."""
+    assert not_available(estimates([0, 10_000], **dict.fromkeys(unknown, math.nan))) == signals
+    comments = {s.name: s.comment or "" for m in DATABASE.messages for s in m.signals if s.name in signals}
+    assert {name for name, comment in comments.items() if f"with method {method}" in comment} == signals
 
 
 @pytest.mark.parametrize("correlation", [-1.0, -0.995, 0.0, 1.0])

@@ -32,8 +32,10 @@ def test_every_panel_has_a_name_and_a_unit(estimates: np.ndarray) -> None:
 
 def test_a_band_is_drawn_where_the_estimator_states_one(estimates: np.ndarray) -> None:
     """1.96 σ on both sides of the estimate, however wide it is at the start, within the scale of the torques."""
+    estimates["clutch1_sigma_nm"] = np.nan  # as of the 2014 observer
     plain = drive_figure(estimates, estimates, "a drive").axes[1]
     assert not plain.collections
+    assert "95 % band" not in [text.get_text() for text in plain.get_legend().get_texts()]
     estimates["clutch1_sigma_nm"] = 2.0
     estimates["clutch1_sigma_nm"][0] = 1e4
     axis = drive_figure(estimates, estimates, "a drive").axes[1]
