@@ -109,7 +109,7 @@ def nees(parts: Sequence[tuple[Floats, Floats, Floats, Flags]]) -> Nees | None:
             correlation ``[n]``, and which rows to take ``[n]``.
 
     Returns:
-        None when no row states a covariance; rows without one (NaN), or with one that has no inverse, do not count.
+        None when no row states a covariance. Rows without one (NaN) or without its inverse do not count.
     """
     series = []
     log_determinants = []

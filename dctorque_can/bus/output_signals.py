@@ -160,8 +160,8 @@ CONTENTS: dict[str, Callable[[NDArray[np.void], Column], dict[str, Column]]] = {
     "DctClutchResidual": _residuals,
     "DctClutchTemperature": _temperatures,
 }
-"""Physical values of each message by signal name, in the unit of the DBC; NaN where a value is not valid, or not known
-to the method (`estimates.ONLY_KALMAN`, `estimates.ONLY_OH2014`)."""
+"""Physical values of each message by signal name, in the unit of the DBC; NaN where a value is not valid, or not
+known with the method (`estimates.ONLY_KALMAN`, `estimates.ONLY_OH2014`)."""
 
 _DEGRADED_BITS = np.uint32(Status.INPUT_STALE | Status.SPEED_IMPLAUSIBLE | Status.LIMITED)
 _CONVERGED_BIT = np.uint32(Status.CONVERGED)

@@ -1,8 +1,8 @@
 """A whole recording smoothed: forwards in segments, and back over them from the last to the first.
 
 Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment
-once more from its snapshot with the filter's tape on, and the smoother follows the tape (`estimators.smoother`).
-So only one segment at a time has a tape, and nothing depends on how long a segment is.
+once more from its snapshot with the filter's tape on, and the smoother (`estimators.kalman.smoother`) follows the
+tape. So only one segment at a time has a tape, and nothing depends on how long a segment is.
 
 Samples that come late by a known delay are first put in the order in which they were taken (`arrivals`): a whole
 recording needs no queue. Estimates are still those of the times at which they were due online.

@@ -50,7 +50,7 @@ from dctorque_can.estimators.kalman.model import (
 )
 
 Noises = tuple[float, float, float, float, float]
-"""Factors of `kalman_noise.process_noise`."""
+"""Factors of `noise.process_noise`."""
 
 _ENGINE, _CAR = np.array(ENGINE, np.uint8), np.array(CAR, np.uint8)
 _DRIVEN = np.array([0, 1, 0, 1, 3, 4], np.uint8)  # which factor the noise of T_C1 … DT_E has
@@ -64,10 +64,10 @@ def carry_on(f: Any, step: Any, T_en: float, q: Noises) -> None:
     To F belongs what errors of T_en do to the state: b times ``f.per_error`` in the columns of their states.
 
     Args:
-        f: `kalman.FILTER`.
-        step: `kalman_model.STEP` of the model.
+        f: `filter.FILTER`.
+        step: `model.STEP` of the model.
         T_en: nominal engine torque, N·m.
-        q: factors of the noises, of `kalman_noise.process_noise`.
+        q: factors of the noises, of `noise.process_noise`.
     """
     e_0, e_1, e_2 = f.per_error[0], f.per_error[1], f.per_error[2]
     T_en += e_0 * f.x[GAIN] + e_1 * f.x[LAG_1] + e_2 * f.x[LAG_2]
@@ -232,7 +232,7 @@ def take_measurement(f: Any, i: int, e: float, variance: float) -> float:
     large numbers, so that variance stays positive however sure the measurement is.
 
     Args:
-        f: `kalman.FILTER`; ``f.K`` becomes the gain.
+        f: `filter.FILTER`; ``f.K`` becomes the gain.
         i: state.
         e: innovation.
         variance: R, of the measurement.

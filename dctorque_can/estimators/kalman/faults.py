@@ -51,8 +51,8 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
     noise, and does not count among the innovations.
 
     Args:
-        f: `kalman.FILTER`.
-        tuning: `kalman_tuning.TUNING`.
+        f: `filter.FILTER`.
+        tuning: `tuning.TUNING`.
         sensor: 0 engine, 1 and 2 input shafts, 3 driven and 4 undriven wheels.
         i: state.
         z: measurement, rad/s.

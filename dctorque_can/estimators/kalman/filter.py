@@ -139,7 +139,7 @@ class Kalman(NamedTuple):
 
     Attributes:
         state: `FILTER` ``[1]``.
-        tuning: `kalman_tuning.TUNING` ``[1]``.
+        tuning: `tuning.TUNING` ``[1]``.
         tables: the discrete model.
     """
 

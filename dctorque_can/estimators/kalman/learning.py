@@ -37,8 +37,8 @@ def learn_noise(f: Any, tuning: Any, sensor: int, e: float, known: float, varian
     """Learn from an innovation that is believed.
 
     Args:
-        f: `kalman.FILTER`.
-        tuning: `kalman_tuning.TUNING`.
+        f: `filter.FILTER`.
+        tuning: `tuning.TUNING`.
         sensor: as in `faults.measure_gated`.
         e: innovation, rad/s.
         known: variance of it that is not the noise's, (rad/s)².

@@ -111,7 +111,7 @@ STEP = np.dtype(
     ],
     align=True,
 )
-"""One step of one model. All but the first noise are per unit of their factor of `kalman_noise.process_noise`."""
+"""One step of one model. All but the first noise are per unit of their factor of `noise.process_noise`."""
 
 
 class Tables(NamedTuple):
@@ -308,7 +308,7 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
 
 
 def process_covariance(step: np.void, factors: Sequence[float]) -> Floats:
-    """Return Q ``[N, N]`` of a `STEP`, with the five ``factors`` of `kalman_noise.process_noise`."""
+    """Return Q ``[N, N]`` of a `STEP`, with the five ``factors`` of `noise.process_noise`."""
     q, Q = np.array([1.0, *factors]), np.zeros((N, N))
     Q[ENGINE, :COUPLED] = (q[list(_OF_ENGINE)] @ step["noise_engine"]).reshape(len(ENGINE), COUPLED)
     Q[CAR, :COUPLED] = (q[list(_OF_CAR)] @ step["noise_car"]).reshape(len(CAR), COUPLED)

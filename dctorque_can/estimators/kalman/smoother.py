@@ -46,7 +46,7 @@ def go_back(filters: NDArray[np.void], tables: Tables, adjoints: NDArray[np.void
     """Smooth every estimate on the tape, the last one first.
 
     Args:
-        filters: `kalman.FILTER` ``[1]``, with the tape.
+        filters: `filter.FILTER` ``[1]``, with the tape.
         tables: the filter's.
         adjoints: `ADJOINT` ``[1]`` at the end of the tape; afterwards that at its beginning.
         out: `SMOOTHED` ``[n]``, one for each estimate on the tape.
@@ -109,7 +109,7 @@ def undo_measurement(tape: Any, a: Any, n: int) -> None:
 
 @compiled_without_allocation
 def undo_prediction(tape: Any, a: Any, tables: Tables, n: int) -> None:
-    """Λ ← Fᵀ Λ F, λ ← Fᵀ λ; to F belong the columns of the errors of the engine torque (`kalman.FILTER`)."""
+    """Λ ← Fᵀ Λ F, λ ← Fᵀ λ; to F belong the columns of the errors of the engine torque (`filter.FILTER`)."""
     step = tables.steps[tape.which[n, 0], tape.which[n, 1]]
     phi = step.phi
     for i in range(N):

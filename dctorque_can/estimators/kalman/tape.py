@@ -26,7 +26,7 @@ TAPE = np.dtype(
         ("rows", "i8"),
         ("what", "i8", (OPERATIONS,)),  # PREDICT, …
         ("which", "i8", (OPERATIONS, 2)),  # model and step of a prediction; state that was measured or forgotten
-        ("per_error", "f8", (OPERATIONS, 3)),  # of `kalman.FILTER`, in a prediction
+        ("per_error", "f8", (OPERATIONS, 3)),  # of `filter.FILTER`, in a prediction
         ("times", "i8", (OPERATIONS,)),  # that the same prediction was made in a row
         ("S", "f8", (OPERATIONS,)),  # variance of the innovation
         ("e", "f8", (OPERATIONS,)),  # innovation

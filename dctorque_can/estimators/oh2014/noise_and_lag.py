@@ -1,6 +1,6 @@
 """Noise and lag of the sampled 2014 observer, linearised at one driving condition with both clutches closed.
 
-Every frame is one linear step of the errors (truth minus estimate), exactly as `oh2014.predict`, ``correct_*``
+Every frame is one linear step of the errors (truth minus estimate), exactly as `observer.predict`, ``correct_*``
 and ``settle`` take it: noise covariances follow from discrete Lyapunov equations over one period of all messages,
 the lag from a run of the same steps while torque is handed from one clutch to the other. Each speed is one message
 with a period of its own; messages that fall together come in the order engine, shafts, wheels. The known road load
@@ -28,7 +28,7 @@ from dctorque_can.estimators.oh2014.stability import observer_records
 Floats = NDArray[np.float64]
 
 STATES = ("tau_e", "tau_o", "w_e", "T_c", "w_s", "T_a", "w_w", "a_w", "T_c1", "T_c2", "noise_1", "noise_2")
-"""Errors of the sampled observer, fields of `oh2014.STATE`; then the noise of both shafts' last samples, rad/s."""
+"""Errors of the sampled observer, fields of `STATE`; then the noise of both shafts' last samples, rad/s."""
 
 TORQUES = (
     "clutch_torque_sum_nm",  # T_c
@@ -138,7 +138,7 @@ class SampledErrors:
         return oh2014.shaft_torque_rates(self._c, self._pair, True, True, w_c1, w_c2, dT_o)
 
     def _predict(self, dt: float) -> tuple[Floats, Floats]:
-        """Return matrix ``[12, 12]`` and ramp ``[12]`` of `oh2014.predict` on the observer's grid."""
+        """Return matrix ``[12, 12]`` and ramp ``[12]`` of `observer.predict` on the observer's grid."""
         c, pair = self._c, self._pair
         step = self._step_us * 1e-6
         whole, rest = divmod(dt + 1e-12, step)

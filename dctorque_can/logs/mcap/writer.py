@@ -50,7 +50,7 @@ class McapLog:
     Args:
         path: file to be created.
         documents: configuration and databases, attached under their names.
-        metadata: named sets of words, at the head of the file in their order (`mcap_head` reads the first);
+        metadata: named sets of words, at the head of the file in their order (`head` reads the first);
             versions and the SHA-256 of every document are added as ``dctorque``.
         compression: "lz4" (fast), "zstd" (smaller) or "" (none).
         chunk_size: bytes of messages after which a chunk is written by itself.
