@@ -1,6 +1,6 @@
 """The `gears:`, `clutch_phase:` and `estimator:` sections.
 
-The design numbers of the observer have their defaults here and nowhere else.
+The design numbers of both estimators have their defaults here and nowhere else.
 """
 
 from __future__ import annotations
@@ -253,20 +253,20 @@ class KalmanSection(Section):
 
 
 class EstimatorSection(Section):
-    """The internal grid, what is published how often, and when to start afresh."""
+    """Which estimator runs, what is published how often, and when to start afresh."""
 
     step_ms: Annotated[float, Field(ge=0.1, le=20)] = 1.0
-    """Step of the observer's internal time grid, ms."""
+    """Step of the 2014 observer's time grid, ms."""
     period_ms: Milliseconds = 10.0
     """At most one estimate per this time, ms."""
     health_period_ms: Milliseconds = 1000.0
     """One health record per this time, ms."""
     max_gap_ms: Milliseconds = 500.0
-    """A longer silence of all inputs resets the observer, ms."""
+    """A longer silence of all inputs resets the estimator, ms."""
     max_step_back_ms: Annotated[float, Field(ge=0, le=60_000)] = 100.0
-    """A larger step of time backwards resets the observer, ms; smaller ones are taken as late frames."""
+    """A larger step of time backwards resets the estimator, ms; smaller ones are taken as late frames."""
     method: Literal["kalman", "oh2014"] = "kalman"
-    """Which estimator gives the published torques: kalman, or oh2014, the 2014 observer."""
+    """Which estimator runs: kalman, or oh2014, the 2014 observer."""
     oh2014: Oh2014Section = Oh2014Section()
     """Design of the 2014 observer."""
     kalman: KalmanSection = KalmanSection()
