@@ -9,8 +9,8 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
+from dctorque_can.bus.decoder_memory import decode_batch, decoder_memory
 from dctorque_can.bus.layout import MAX_BYTES
-from dctorque_can.bus.loop import MESSAGE_STATE, SCRATCH, TERM_STATE, decode_frames
 from dctorque_can.bus.problems import InputError, input_problems
 from dctorque_can.bus.tables import build_tables
 from dctorque_can.pipeline.frames import Frames
@@ -60,13 +60,7 @@ class Decoder:
         if problems:
             raise InputError(problems)
         tables = build_tables(database, inputs, protections)
-        self._static = (
-            *(tables.standard, tables.extended, tables.messages, tables.pairs, tables.inputs),
-            *(tables.terms, tables.conditions, tables.fields, tables.raws),
-            np.zeros(len(tables.messages), MESSAGE_STATE),
-            np.zeros(len(tables.terms), TERM_STATE),
-            np.zeros(1, SCRATCH),
-        )
+        self._memory = decoder_memory(tables)
         self._most_per_frame = int(tables.messages["n_pairs"].max(initial=0))
         standard = np.flatnonzero(tables.standard >= 0)
         self._can_ids = frozenset(map(int, (*standard, *tables.extended["can_id"])))
@@ -126,9 +120,9 @@ class Decoder:
         value = np.empty(room, np.float64)
         status = np.empty(room, np.uint8)
         last = np.empty(room, np.bool_)
-        n = decode_frames(
+        n = decode_batch(
             *(frame_t_us, can_id, length, flags, data),
-            *self._static,
+            self._memory,
             *(t_us, quantity, value, status, last),
         )
         if n < 0:
