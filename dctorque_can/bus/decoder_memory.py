@@ -18,7 +18,7 @@ N_PARTS = 12
 
 
 def decoder_memory(tables: DecoderTables) -> NDArray[np.int64]:
-    """Return the memory of a decoder that has seen nothing yet: where each part begins and ends, then the parts."""
+    """Return the memory of a decoder that has seen nothing yet: where each part begins and ends, then these."""
     parts = (
         *(tables.standard, tables.extended, tables.messages, tables.pairs, tables.inputs),
         *(tables.terms, tables.conditions, tables.fields, tables.raws),
