@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,21 @@ NO_ROWS = np.zeros(0, ESTIMATE)
 NO_HEALTH = np.zeros(0, HEALTH)
 BY_PERIOD = np.zeros(0, np.bool_)
 
-Snapshot = NDArray[np.int64]
-"""All that changes in an estimator while it is fed."""
+
+class Snapshot(NamedTuple):
+    """All that changes in an estimator while it is fed, but for a tape.
+
+    Attributes:
+        memory: of `Parts`.
+        waiting: `delays.SAMPLES` ``[n]`` that have not taken effect, the oldest first.
+        frame_us: time of the last frame.
+        frame: its number.
+    """
+
+    memory: NDArray[np.int64]
+    waiting: NDArray[np.void]
+    frame_us: int
+    frame: int
 
 
 class Estimator:
@@ -106,13 +119,20 @@ class Estimator:
         return np.append(inputs["torque_limit"], inputs["output_limit"])
 
     def snapshot(self) -> Snapshot:
-        """Return a copy of all that changes in `feed`, but for the estimator's tape and samples that wait."""
-        return self._now.memory.copy()
+        """Return a copy of all that changes in `feed`, but for the estimator's tape."""
+        queue = self._queue[0]
+        places = (queue["first"] + np.arange(queue["count"])) % delays.PLACES
+        return Snapshot(
+            self._now.memory.copy(), queue["waiting"][places], int(queue["frame_us"]), int(queue["frame"])
+        )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back to a `snapshot` of this estimator; the tape stays, samples that wait are dropped."""
-        self._now.memory[:] = snapshot
-        self._queue["count"] = 0
+        """Go back to a `snapshot` of this estimator; the tape stays."""
+        self._now.memory[:] = snapshot.memory
+        queue, count = self._queue[0], len(snapshot.waiting)
+        queue["first"], queue["count"] = 0, count
+        queue["frame_us"], queue["frame"] = snapshot.frame_us, snapshot.frame
+        queue["waiting"][:count] = snapshot.waiting
 
     @property
     def health(self) -> NDArray[np.void]:

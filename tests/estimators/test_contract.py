@@ -71,7 +71,7 @@ contract.implement(Lazy, contract.Functions(start, stop, advance, act, conclude,
 def test_it_estimates():
     """Its torque is published within the limits, valid where gears and speeds are; all else is NaN."""
     estimator = Estimator(SETTINGS, Lazy(np.zeros(1, STATE)))
-    found = estimator.feed(traffic(1.0, lambda t: cruise() | {Q.ENGINE_TORQUE: 50.0 if t < 0.5 else 1e5}))
+    found = estimator.feed(traffic(1.0, lambda t: cruise() | {Q.ENGINE_TORQUE: 50.0 if t < 0.5 else 900.0}))
     early, late = found.rows[found.rows["t_us"] < 500_000][-1], found.rows[-1]
     assert early["clutch1_torque_nm"] == 50.0
     assert early["status"] & VALID == VALID

@@ -127,6 +127,7 @@ FILTER = np.dtype(
         ("sigma_o", "f8"),
         ("correlation", "f8"),
         ("T_o", "f8"),
+        ("w_c", "f8", (2,)),  # rad/s, shaft speeds as the bus tells them, carried on between their frames
         ("tape", tape.TAPE),  # for smoothing a log; must stay the last (`Estimator.snapshot`)
     ],
     align=True,

@@ -54,6 +54,7 @@ def start(k: Kalman, answer: Any) -> None:
     f = k.state[0]
     kalman.start(f, k.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
     f.running = False
+    f.w_c[0] = f.w_c[1] = 0.0
     give_answer(k, answer)
 
 
@@ -68,7 +69,14 @@ def stop(k: Kalman, answer: Any) -> None:
 
 @compiled_without_allocation
 def advance(k: Kalman, inputs: Any, answer: Any, t_us: int) -> None:
-    """Do nothing: the filter predicts in `act`, when it knows the phases of the clutches."""
+    """Carry shaft speeds on with the car; the filter predicts in `act`, when it knows the clutches' phases."""
+    f, ratio = k.state[0], k.tuning[0].ratio
+    if f.running and t_us > inputs.t_us:
+        dt = (t_us - inputs.t_us) * 1e-6
+        for i in range(2):
+            if inputs.mapped[SPEED_1 + i]:
+                f.w_c[i] += dt * f.rate[W_B] * ratio[i, f.gear[i] + 1]  # zero in neutral
+                answer.w_c[i] = f.w_c[i]
 
 
 @compiled_without_allocation
@@ -83,6 +91,8 @@ def act(k: Kalman, inputs: Any, answer: Any) -> None:
         f.running = answer.running = False  # held: the torques stay as they are until the inputs are back
         return
     take_frame(k, inputs)
+    for i in range(2):
+        f.w_c[i] = inputs.w_c[i] if inputs.mapped[SPEED_1 + i] else f.x[W_C1 + i]
     give_answer(k, answer)
 
 
@@ -120,7 +130,7 @@ def give_answer(k: Kalman, answer: Any) -> None:
     answer.T_c[0], answer.T_c[1] = f.T_c1, f.T_c2
     answer.w_e = f.x[W_E]
     for i in range(2):
-        answer.w_c[i] = f.x[W_C1 + i]
+        answer.w_c[i] = f.w_c[i]
         answer.slip[i] = f.x[W_D] - f.x[W_C1 + i]
 
 

@@ -16,7 +16,7 @@ TORQUE = 80.0
 
 
 def new_filter(car):
-    return kalman.new(CARS[car].vehicle, CARS[car].kalman, 20)
+    return kalman.new(CARS[car].vehicle, CARS[car].kalman)
 
 
 def fill(f, random, per_error=(60.0, -150.0, 40.0)):

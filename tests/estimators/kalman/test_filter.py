@@ -166,12 +166,12 @@ def test_consistent_on_data_of_its_own_model(tables):
 def take(k, sensor, values, variance=0.01, fastest=1e5):
     """Measurements every 10 ms of a shaft that keeps its speed; returns the faults, and what the state became."""
     f, state = k.state[0], SPEEDS[sensor]
-    faults = []
+    found = []
     for value in values:
         f["t_us"] += 10_000
         faults.measure_gated(f, k.tuning[0], sensor, state, value, variance, fastest)
-        faults.append(SensorFault(int(f["fault"][sensor])))
-    return faults, float(f["x"][state])
+        found.append(SensorFault(int(f["fault"][sensor])))
+    return found, float(f["x"][state])
 
 
 SENSORS = range(len(SPEEDS))
