@@ -7,7 +7,7 @@ tape, and times both. The decisions between them (gears, phases, faults) cost it
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,28 +22,37 @@ from dctorque_can.pipeline.frames import Frames
 
 Floats = NDArray[np.float64]
 Operations = list[tuple[int, int, int]]  # what, and on which model and step, or on which state
+FACTORS = 5  # of `kalman_noise.process_noise`
 SAMPLES = 500  # whose operations surely have room on the tape
 
 
+class Dense(NamedTuple):
+    """One step of one model as plain matrices: F ``[N, N]``, response ``[N]``, process noises ``[6, N, N]``."""
+
+    F: Floats
+    b: Floats
+    noises: Floats
+
+
+def dense(tables: Tables, model: int, step: int) -> Dense:
+    """Return a step of the compiled filter's tables; all but its first noise are per unit of their factor."""
+    of_step = tables.steps[model, step]
+    always = process_covariance(of_step, np.zeros(FACTORS))
+    others = [process_covariance(of_step, factors) - always for factors in np.eye(FACTORS)]
+    return Dense(of_step["phi"], of_step["input"], np.array([always, *others]))
+
+
 def predict(
-    x: Floats,
-    P: Floats,
-    T_en: float,
-    per_error: Floats,
-    tables: Tables,
-    model: int,
-    step: int,
-    factors: tuple[float, ...],
+    x: Floats, P: Floats, T_en: float, per_error: Floats, step: Dense, factors: tuple[float, ...]
 ) -> tuple[Floats, Floats]:
     """Return state and covariance one step on.
 
     ``per_error`` is that of `filter.FILTER`, ``factors`` those of `noise.process_noise`.
     """
-    of_step = tables.steps[model, step]
-    b, Q = of_step["input"], process_covariance(of_step, factors)
-    F = of_step["phi"].copy()
-    F[:, GAIN:] += np.outer(b, per_error)
-    return F @ x + b * T_en, F @ P @ F.T + Q
+    Q = step.noises[0] + sum(q * noise for q, noise in zip(factors, step.noises[1:], strict=True))
+    F = step.F.copy()
+    F[:, GAIN:] += np.outer(step.b, per_error)
+    return F @ x + step.b * T_en, F @ P @ F.T + Q
 
 
 def measure(x: Floats, P: Floats, i: int, z: float, variance: float) -> tuple[Floats, Floats]:
@@ -100,11 +109,12 @@ def cost(configs: dict[str, Config], frames: Frames) -> dict[str, float]:
     k = estimator.chosen
     f, tuning = k.state[0], k.tuning[0]
     x, P = f["x"].copy(), f["P"].copy()
+    steps = {(a, b): dense(k.tables, a, b) for what, a, b in work if what == tape.PREDICT}
     start = time.thread_time()
     for what, a, b in work:
         if what == tape.PREDICT:
             factors = kalman_noise.process_noise(f, tuning, 1, 0)
-            x, P = predict(x, P, 100.0, f["per_error"], k.tables, a, b, factors)
+            x, P = predict(x, P, 100.0, f["per_error"], steps[a, b], factors)
         else:
             x, P = measure(x, P, a, x[a], 0.01)
     us["plain"] = 1e6 * (time.thread_time() - start) / len(frames)
