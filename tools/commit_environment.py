@@ -95,6 +95,28 @@ def checkout_side() -> Side:
     return Side("checkout", Path(sys.executable), Path(cache), {"NUMBA_CACHE_DIR": cache})
 
 
+def plain_checkout_side(keep: Path) -> Side:
+    """Return this checkout in an environment below ``keep`` that has only what it needs to run, as a commit has.
+
+    An environment for development is slower: python-can imports asammdf, which the tests bring, if it is there.
+    Compiled code is kept apart from that of the tests, which may have been compiled with NUMBA_OPT=1.
+
+    Raises:
+        CommitError: it could not be installed.
+    """
+    state = Path(checkout_side().environment["NUMBA_CACHE_DIR"]).name
+    requirements = hashlib.sha256(str(ROOT).encode() + (ROOT / "pyproject.toml").read_bytes()).hexdigest()[:12]
+    folder = keep / f"checkout-{requirements}"
+    compiled = folder / f"numba-{state}-{digest_of_compiler()}"
+    side = Side("checkout", folder / "venv" / "bin" / "python", folder, {"NUMBA_CACHE_DIR": str(compiled)})
+    if not (folder / INSTALLED).exists():
+        progress(f"installing this checkout in {folder}")
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        _make_environment(side, "--editable", str(ROOT))
+    return side
+
+
 def resolve(commit: str) -> str:
     """Return the full hash of a commit.
 
@@ -122,14 +144,13 @@ def install(commit: str, keep: Path) -> Side:
     archive = subprocess.run(["git", "archive", commit], cwd=ROOT, check=True, capture_output=True).stdout
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         tar.extractall(source, filter="data")
-    output_of([sys.executable, "-m", "venv", str(folder / "venv")], folder)
-    _pip_install(side, source)
-    (folder / INSTALLED).touch()
+    _make_environment(side, str(source))
     return side
 
 
-def _pip_install(side: Side, source: Path) -> None:
-    pip = [str(side.python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(source)]
+def _make_environment(side: Side, *what: str) -> None:
+    output_of([sys.executable, "-m", "venv", str(side.folder / "venv")], side.folder)
+    pip = [str(side.python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *what]
     versions = side.folder / "constraints.txt"
     here = output_of([sys.executable, "-m", "pip", "freeze", "--exclude-editable"], ROOT).splitlines()
     versions.write_text("".join(f"{line}\n" for line in here if "==" in line))
@@ -138,6 +159,7 @@ def _pip_install(side: Side, source: Path) -> None:
     except CommitError:
         progress(f"{side.name} does not take the library versions of this checkout: it gets its own")
         output_of(pip, side.folder)
+    (side.folder / INSTALLED).touch()
 
 
 @contextmanager

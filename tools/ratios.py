@@ -17,10 +17,9 @@ from commit_environment import (
     ROOT,
     Side,
     alone,
-    checkout_side,
-    digest_of_compiler,
     install,
     output_of,
+    plain_checkout_side,
     progress,
     resolve,
 )
@@ -75,7 +74,7 @@ def ratios(commit: str, keep: Path, long_log: Path, rounds: int, cold: bool) -> 
     with alone(keep, full):
         theirs = install(full, keep)
         logs = recorded(theirs)
-    ours = compiled_apart(checkout_side(), keep)
+    ours = plain_checkout_side(keep)
     found = []
     with tempfile.TemporaryDirectory(prefix="dctorque-bench-") as folder:
         for measurement in measurements(logs | {"long": long_log}, Path(folder), cold):
@@ -85,14 +84,6 @@ def ratios(commit: str, keep: Path, long_log: Path, rounds: int, cold: bool) -> 
                     measurement.of(side)
             found.append(in_turns(measurement, theirs, ours, rounds if measurement.warm else 1))
     return found
-
-
-def compiled_apart(checkout: Side, keep: Path) -> Side:
-    """Return the checkout with compiled code of its own: the tests may have compiled theirs with NUMBA_OPT=1."""
-    state = Path(checkout.environment["NUMBA_CACHE_DIR"]).name
-    folder = keep / "checkouts" / f"{state}-{digest_of_compiler()}"
-    folder.mkdir(parents=True, exist_ok=True)
-    return replace(checkout, folder=folder, environment={"NUMBA_CACHE_DIR": str(folder)})
 
 
 def in_turns(measurement: Measurement, theirs: Side, ours: Side, rounds: int) -> Ratio:
