@@ -122,10 +122,11 @@ def _show(summary: Summary) -> None:
         f"{summary.published} frames out"
         + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
     )
-    if link.lost or link.send_failures or link.error_frames or link.damaged:
+    if link.lost or link.send_failures or link.error_frames or link.damaged or link.dropped:
         say(
             f"bus: lost {link.lost} times, back {link.reconnects} times, {link.error_frames} error frames, "
-            f"{link.bus_offs} bus-offs, {link.damaged} damaged lines, {link.send_failures} frames not sent"
+            f"{link.bus_offs} bus-offs, {link.dropped} frames not fetched in time, {link.damaged} damaged lines, "
+            f"{link.send_failures} frames not sent"
         )
     if summary.clock_steps:
         say(f"clock: the time of the frames was set {summary.clock_steps} times")

@@ -11,7 +11,10 @@ import can
 
 from dctorque_can.daemon.background import finished, in_background, settle
 from dctorque_can.daemon.opening import BusError, DamagedLineError, open_bus, reason
+from dctorque_can.daemon.reception import NOTHING, Receiver, receiver_of
 from dctorque_can.daemon.sender import Sender, is_full
+from dctorque_can.daemon.socketcan import MOST
+from dctorque_can.pipeline.frames import FrameFlag, Frames
 
 __all__ = ["BusError", "BusLink", "LinkCounts", "open_bus"]  # all that one needs for a bus
 
@@ -21,6 +24,7 @@ SILENCE_S = 2.0  # without a frame on a bus that had some: told
 OPEN_S = 10.0
 CLOSE_S = 0.5
 REFUSAL_S = 1.0  # without any frame that could be sent: told
+REST_S = 0.001  # from one look at a busy bus to the next: what comes meanwhile is taken together
 BUS_OFF = 0x40  # in the identifier of a SocketCAN error frame (linux/can/error.h)
 
 
@@ -32,6 +36,7 @@ class LinkCounts:
         received: messages of any kind.
         error_frames: error frames among them.
         bus_offs: error frames that reported bus-off.
+        dropped: messages that the kernel dropped because they were not fetched in time, where it says so.
         damaged: what an interface received and could not read as a message.
         lost: times the bus went away (down, removed, closed by its server).
         silences: times a bus that had given frames gave none for `SILENCE_S`.
@@ -43,6 +48,7 @@ class LinkCounts:
     received: int = 0
     error_frames: int = 0
     bus_offs: int = 0
+    dropped: int = 0
     damaged: int = 0
     lost: int = 0
     silences: int = 0
@@ -67,6 +73,9 @@ class BusLink:
         self._connect = connect
         self._tell = tell
         self._bus: can.BusABC | None = None
+        self._receiver: Receiver | None = None
+        self._dropped = 0  # of those that the receiver tells, so many are counted
+        self._look_again_s = 0.0
         self._sender: Sender | None = None
         self._opening: Future[can.BusABC] | None = None
         self._closing: Future[None] | None = None
@@ -98,44 +107,62 @@ class BusLink:
                 raise BusError(f"the bus cannot be opened: no answer for {OPEN_S:g} s")
         self._use_opened()
 
-    def receive(self, timeout_s: float) -> can.Message | None:
-        """Return the next message, or None after ``timeout_s`` or while the bus is away."""
+    def receive(self, timeout_s: float) -> Frames:
+        """Return the messages that wait, or wait for the first up to ``timeout_s``; none while the bus is away.
+
+        A message that follows a silence comes at once. On a busy bus there is a rest of `REST_S` from one look to
+        the next, since to wake up for each message costs more than all that is done with it.
+
+        The columns are only valid until the next call.
+        """
         self._take_late_error()
         if self._bus is None and not self._reopen(timeout_s):
-            return None
-        assert self._bus is not None
+            return NOTHING
+        assert self._receiver is not None
+        rest_s = self._look_again_s - time.monotonic()
+        if rest_s > 0:
+            time.sleep(min(rest_s, REST_S))
         try:
-            message = self._bus.recv(timeout_s)
+            frames = self._receiver.receive(timeout_s)
         except DamagedLineError as error:
             self.counts.damaged += 1
             if self.counts.damaged == 1:
                 self._tell(True, f"{reason(error)} on {self._name()} was dropped; others will only be counted")
-            return None
+            return NOTHING
         except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
             self._lose(error, sending=False)
-            return None
-        if message is None:
+            return NOTHING
+        if not len(frames):
             self._watch_silence()
-            return None
-        self._hear()
+            return frames
+        self._count(frames)
+        return frames
+
+    def _count(self, frames: Frames) -> None:
+        now_s = time.monotonic()
+        self._hear(now_s)
+        self._look_again_s = now_s + REST_S if len(frames) < MOST else now_s
         if not self._lost_by_sending:
             self._backoff_s = FIRST_BACKOFF_S
-        self.counts.received += 1
-        if message.is_error_frame:
-            self.counts.error_frames += 1
-            if message.arbitration_id & BUS_OFF:
-                self.counts.bus_offs += 1
+        self.counts.received += len(frames)
+        if max(frames.flags.tobytes()) >= FrameFlag.ERROR:  # most batches have no flags at all
+            errors = frames.can_id[(frames.flags & FrameFlag.ERROR) != 0]
+            bus_offs = int(((errors & BUS_OFF) != 0).sum())
+            self.counts.error_frames += len(errors)
+            self.counts.bus_offs += bus_offs
+            for _ in range(bus_offs):
                 self._tell(True, "bus-off: the controller has left the bus")
-        return message
+        if self._receiver is not None and self._receiver.dropped != self._dropped:
+            self._count_dropped(self._receiver.dropped)
 
-    def receive_some(self, timeout_s: float, most: int) -> list[can.Message]:
-        """Wait up to ``timeout_s`` for a message; return it with those that wait behind it, ``most`` in all."""
-        messages = []
-        message = self.receive(timeout_s)
-        while message is not None:
-            messages.append(message)
-            message = self.receive(0.0) if len(messages) < most and self._bus is not None else None
-        return messages
+    def _count_dropped(self, dropped: int) -> None:
+        new, self._dropped = (dropped - self._dropped) % (1 << 32), dropped  # the kernel counts in 32 bits
+        if not self.counts.dropped:
+            self._tell(
+                True,
+                f"{new} frames of {self._name()} were not fetched in time and lost; others will only be counted",
+            )
+        self.counts.dropped += new
 
     def send(self, message: can.Message) -> bool:
         """Send; false when the bus does not take it. A bus that blocks is not waited for."""
@@ -198,8 +225,7 @@ class BusLink:
             self._refusal_told = True
             self._tell(True, f"no frame could be sent for {REFUSAL_S:g} s on {self._name()}: {reason(error)}")
 
-    def _hear(self) -> None:
-        now_s = time.monotonic()
+    def _hear(self, now_s: float) -> None:
         if self._silent and self._heard_s is not None:
             self._silent = False
             self._tell(False, f"frames again after {now_s - self._heard_s:.1f} s on {self._name()}")
@@ -232,7 +258,7 @@ class BusLink:
         self._backoff_s = min(2 * self._backoff_s, LONGEST_BACKOFF_S)
 
     def _begin_closing(self) -> Future[None] | None:
-        bus, self._bus, self._sender = self._bus, None, None
+        bus, self._bus, self._receiver, self._sender = self._bus, None, None, None
         if bus is None:
             return None
         self._refused_s, self._refusal_told = None, False
@@ -254,6 +280,7 @@ class BusLink:
             raise
         except Exception as error:
             raise BusError(f"the bus cannot be opened: {reason(error)}") from error
+        self._receiver, self._dropped = receiver_of(self._bus), 0
         self._sender = Sender(self._bus)
 
     def _reopen(self, timeout_s: float) -> bool:

@@ -16,6 +16,7 @@ from dctorque_can.analysis.health import count_valid, health_counts, never_recei
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config
+from dctorque_can.daemon import socketcan
 from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.link import BusError, BusLink, LinkCounts
 from dctorque_can.daemon.log_plan import LogPlan
@@ -25,11 +26,9 @@ from dctorque_can.daemon.recorder import Recorder
 from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
-from dctorque_can.logs.messages import frames_from_messages
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
 RECEIVE_TIMEOUT_S = 0.1
-MOST_AT_ONCE = 64
 SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 PATIENT_BYTES = 1 << 20
 
@@ -149,6 +148,8 @@ class Service:
         self.compiling = True
         try:
             self._chain.warm_up()
+            if self._config.can.interface == "socketcan":
+                socketcan.warm_up()
         finally:
             self.compiling = False
         try:
@@ -179,9 +180,9 @@ class Service:
         try:
             now_s = began_s
             while not self._stop and now_s < until_s:
-                messages = self._link.receive_some(min(RECEIVE_TIMEOUT_S, until_s - now_s), MOST_AT_ONCE)
-                if messages:
-                    self._take(messages)
+                frames = self._link.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
+                if len(frames):
+                    self._take(frames)
                 now_s = time.monotonic()
                 self._keep_time(now_s)
             seconds, cpu_s = now_s - began_s, time.thread_time() - began_cpu_s
@@ -195,9 +196,8 @@ class Service:
                 self._pass_on_news()
         return self._summary(seconds, cpu_s)
 
-    def _take(self, messages: list[can.Message]) -> None:
-        """Do the whole job for a few messages."""
-        frames = frames_from_messages(messages)
+    def _take(self, frames: Frames) -> None:
+        """Do the whole job for a few frames."""
         self._mark_own(frames)
         self.received += len(frames)
         self._t_us = int(frames.t_us[-1])
@@ -221,9 +221,9 @@ class Service:
 
         Drivers call whatever this computer sends transmitted, also what other programs on it send.
         """
-        local = (frames.flags & FrameFlag.TRANSMITTED) != 0
-        if not local.any():
+        if max(frames.flags.tobytes()) < FrameFlag.TRANSMITTED:  # most batches have no flags at all
             return
+        local = (frames.flags & FrameFlag.TRANSMITTED) != 0
         frames.flags[local] &= ~np.uint8(FrameFlag.TRANSMITTED)
         if self._publisher is not None and self._config.can.receive_own_messages:
             own = local & np.isin(frames.can_id, list(self._publisher.can_ids))

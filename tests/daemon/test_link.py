@@ -12,7 +12,8 @@ import pytest
 
 from dctorque_can.daemon import link as link_module
 from dctorque_can.daemon import opening, sender, spin
-from dctorque_can.daemon.link import SILENCE_S, BusError, BusLink, open_bus
+from dctorque_can.daemon.link import REST_S, SILENCE_S, BusError, BusLink, open_bus
+from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.daemon.spin import SPIN_RETURNS, SPIN_S, raise_on_spin
 
 from ..clock import Clock
@@ -141,7 +142,7 @@ def socketcand() -> Iterator[SocketCand]:
 
 
 def receive_all(link: BusLink, calls: int) -> int:
-    return sum(link.receive(1.0) is not None for _ in range(calls))
+    return sum(len(link.receive(1.0)) for _ in range(calls))
 
 
 @pytest.mark.parametrize(
@@ -193,9 +194,34 @@ def test_bus_off_is_told() -> None:
 
 
 def test_waiting_messages_come_together() -> None:
-    link, _ = make(Bus([MESSAGE] * 5 + [None, MESSAGE]))
+    link, _ = make(Bus([MESSAGE] * (MOST + 2) + [None, MESSAGE]))
     link.open()
-    assert [len(link.receive_some(0.0, most)) for most in (3, 64, 64)] == [3, 2, 1]
+    assert [len(link.receive(0.0)) for _ in range(3)] == [MOST, 2, 1]
+
+
+def test_an_error_behind_a_message_takes_nothing_away() -> None:
+    first = Bus([MESSAGE, MESSAGE, can.CanOperationError("Network is down", errno.ENETDOWN)])
+    link, _ = make(first)
+    link.open()
+    assert len(link.receive(0.0)) == 2
+    assert link.up
+    assert len(link.receive(0.0)) == 0
+    assert (link.up, link.counts.lost, link.counts.received) == (False, 1, 2)
+
+
+def test_a_busy_bus_is_looked_at_once_a_millisecond_and_a_quiet_one_at_once(clock: Clock) -> None:
+    link, _ = make(Bus([MESSAGE, None, MESSAGE, None, *[MESSAGE] * MOST, MESSAGE, None]))
+    link.open()
+    began_s = clock.now_s
+    assert len(link.receive(1.0)) == 1
+    assert clock.now_s == began_s  # nobody waited before
+    clock.now_s += 0.25 * REST_S
+    assert len(link.receive(1.0)) == 1
+    assert clock.now_s - began_s == pytest.approx(REST_S)
+    clock.now_s += 5.0
+    assert len(link.receive(1.0)) == MOST
+    assert len(link.receive(1.0)) == 1
+    assert clock.now_s - began_s == pytest.approx(REST_S + 5.0)  # a whole batch: more waits behind it
 
 
 def test_a_bus_that_cannot_be_opened_is_one_clear_error() -> None:
@@ -220,7 +246,7 @@ def test_a_silence_is_told_once_and_its_end_too(clock: Clock) -> None:
     assert told == []  # it never gave anything: the car may be off
     for silence_s in (2.5, 3.5):
         bus.events.append(MESSAGE)
-        assert link.receive(0.0) is MESSAGE
+        assert len(link.receive(0.0)) == 1
         before = len(told)
         clock.now_s += SILENCE_S - 0.25
         link.receive(0.0)
@@ -250,7 +276,7 @@ def test_an_interface_that_returns_at_once_for_ever_is_lost(clock: Clock, pause_
     link, told = make(bus, Bus([MESSAGE]))  # type: ignore[arg-type]
     link.open()
     assert receive_all(link, 20) == 2
-    assert bus.calls <= 2 + SPIN_RETURNS
+    assert bus.calls <= 3 + SPIN_RETURNS  # one of them asked whether more waits
     assert (link.counts.lost, link.counts.reconnects) == (1, 1)
     assert "its other end has closed" in told[0]
 
@@ -288,11 +314,11 @@ def test_a_socketcand_server_that_goes_and_comes_back(
     def receive(count: int) -> list[int]:
         ids: list[int] = []
         while len(ids) < count:
-            ids += [message.arbitration_id for message in link.receive_some(0.05, 64)]
+            ids += link.receive(0.05).can_id.tolist()
         return ids
 
     assert receive(2) == [0x123, 0x124]
-    assert link.receive(0.3) is None
+    assert len(link.receive(0.3)) == 0
     assert link.counts.lost == 0  # silent, and no more
     monkeypatch.setattr(spin, "time", clock)  # which stands still: what returns early has returned at once
     socketcand.hang_up()

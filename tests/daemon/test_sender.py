@@ -64,7 +64,7 @@ def test_a_send_that_blocks_holds_up_neither_receiving_nor_closing(bus: Blocking
     link, _ = opened(bus)
     assert link.send(MESSAGE)  # in the hands of the interface
     assert not link.send(MESSAGE)
-    assert link.receive(0.0) is MESSAGE
+    assert len(link.receive(0.0)) > 0
     assert (link.counts.sent, link.counts.send_failures, link.counts.lost) == (1, 1, 0)
     link.close()
     assert not link.up
@@ -137,7 +137,7 @@ def test_opening_that_blocks_can_be_given_up_and_what_opens_later_is_closed() ->
     link = BusLink(connect, lambda is_error, text: None)
     link.open(given_up=lambda: True)
     assert not link.up
-    assert link.receive(0.0) is None
+    assert len(link.receive(0.0)) == 0
     link.close()
     released.set()
     while not bus.closed:
@@ -159,9 +159,9 @@ def test_opening_that_never_ends_is_one_clear_error_and_is_waited_for_if_need_be
     link = BusLink(connect, lambda is_error, text: None)
     with pytest.raises(BusError, match="no answer"):
         link.open()
-    assert link.receive(0.0) is None
+    assert len(link.receive(0.0)) == 0
     released.set()
-    while link.receive(0.01) is not MESSAGE:
+    while not len(link.receive(0.01)):
         pass
     assert len(tries) == 1  # or every try would leave a thread behind
     link.close()
