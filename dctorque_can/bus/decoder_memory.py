@@ -1,9 +1,4 @@
-"""All tables and states of a decoder in one piece of memory.
-
-To hand an array of records over to compiled code costs some microseconds, ten times as much as to hand over one of
-numbers; the arithmetic of a frame costs a tenth of one. So a call gets a single array of integers, and finds the
-records in it.
-"""
+"""The compiled decoder with all its tables and states in one piece of memory."""
 
 from __future__ import annotations
 
@@ -11,24 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.bus.loop import MESSAGE_STATE, SCRATCH, TERM_STATE, decode_frames
+from dctorque_can.bus.packing import packed
 from dctorque_can.bus.tables import CONDITION, EXTENDED, FIELD, INPUT, MESSAGE, RAW, TERM, DecoderTables
 from dctorque_can.compiled import compiled
 
-N_PARTS = 12
-
 
 def decoder_memory(tables: DecoderTables) -> NDArray[np.int64]:
-    """Return the memory of a decoder that has seen nothing yet: where each part begins and ends, then these."""
-    parts = (
+    """Return the memory of a decoder before the first frame."""
+    return packed(
         *(tables.standard, tables.extended, tables.messages, tables.pairs, tables.inputs),
         *(tables.terms, tables.conditions, tables.fields, tables.raws),
         np.zeros(len(tables.messages), MESSAGE_STATE),
         np.zeros(len(tables.terms), TERM_STATE),
         np.zeros(1, SCRATCH),
     )
-    words = [part.view(np.int64) for part in parts]  # every dtype is aligned to eight bytes
-    ends = N_PARTS + 1 + np.cumsum([0, *map(len, words)])
-    return np.concatenate([ends, *words])
 
 
 @compiled

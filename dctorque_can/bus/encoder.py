@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from cantools.database.can import Message, Signal
 from numpy.typing import ArrayLike, NDArray
 
+from dctorque_can.bus.encoder_loop import COUNTER, CRC, MESSAGE, SIGNAL, VALUE, encode_batch
 from dctorque_can.bus.layout import Coding, SignalLayout, layout_problem, selector_problem, selectors
-from dctorque_can.bus.loop import SCRATCH, find_raw
+from dctorque_can.bus.loop import SCRATCH
+from dctorque_can.bus.packing import packed
 from dctorque_can.bus.problems import InputError, nearest, protection_problems
-from dctorque_can.bus.protection import CHECKSUM, checksum_rule, payload_crc
-from dctorque_can.bus.tables import CONDITION, FIELD, RAW
-from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.bus.protection import checksum_rule
+from dctorque_can.bus.tables import CONDITION, RAW
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.samples import Protection
 
@@ -23,32 +23,6 @@ _NOT_AVAILABLE_WORDS = {"not available", "signal not available", "sna", "n/a", "
 _LIMIT_TOLERANCE = 1e-6  # of one raw step: a limit written in decimals may miss its raw value by rounding
 
 _NAN_BITS = {Coding.FLOAT32: 0x7FC0_0000, Coding.FLOAT64: 0x7FF8_0000_0000_0000}
-
-VALUE, COUNTER, CRC = 0, 1, 2  # what a signal carries
-
-SIGNAL = np.dtype(
-    [
-        *((name, FIELD[name]) for name in FIELD.names or ()),
-        ("role", "i8"),
-        ("coding", "i8"),
-        ("scale", "f8"),
-        ("offset", "f8"),
-        ("low", "f8"),  # limits of the number before scale and offset
-        ("high", "f8"),
-        ("has_not_available", "b1"),
-        ("not_available", "u8"),  # bits sent for NaN
-        ("start", "u8"),  # bits sent when no value is given
-        ("first_condition", "i8"),
-        ("n_conditions", "i8"),
-    ],
-    align=True,
-)
-"""How one signal is written."""
-
-MESSAGE = np.dtype([*CHECKSUM, ("modulus", "i8")], align=True)
-"""How one message is counted and signed."""
-
-FLOAT32, FLOAT64 = int(Coding.FLOAT32), int(Coding.FLOAT64)
 
 
 class MessageEncoder:
@@ -89,7 +63,7 @@ class MessageEncoder:
             role = CRC if signal.name == rule.crc_signal else VALUE
             role = COUNTER if signal.name == rule.counter_signal else role
             signals.append((*_coding(message, signal, role), first, len(conditions) - first))
-        self._tables = (
+        self._memory = packed(
             np.array(signals, SIGNAL),
             np.array(conditions, CONDITION),
             np.array(raws, RAW),
@@ -109,19 +83,42 @@ class MessageEncoder:
                 length, or a value is NaN where the DBC has no "not available".
         """
         arrays = {name: np.asarray(column) for name, column in columns.items()}
+        places = self.places(list(arrays))
         n = max((len(column) for column in arrays.values() if column.ndim), default=1)
-        values = np.empty((n, len(self._index)))
-        given = np.zeros(len(self._index), np.bool_)
-        for name, column in arrays.items():
-            if name not in self._index or name in self._own:
-                raise DctorqueError(self._unknown(name))
+        values = np.empty((n, len(arrays)))
+        for k, column in enumerate(arrays.values()):
             if column.ndim and column.shape != (n,):
                 shapes = ", ".join(f"{each} {column.shape}" for each, column in arrays.items())
                 raise DctorqueError(f"{self._message.name}: columns must be of one length: {shapes}")
-            values[:, self._index[name]] = column
-            given[self._index[name]] = True
+            values[:, k] = column
+        return self.encode_values(values, places)
+
+    def places(self, names: Sequence[str]) -> NDArray[np.int64]:
+        """Return, for each signal of the message, its index in ``names`` or -1, as `encode_values` takes it.
+
+        Raises:
+            DctorqueError: a name is no signal of the message or is filled in by the protection.
+        """
+        result = np.full(len(self._index), -1, np.int64)
+        for k, name in enumerate(names):
+            if name not in self._index or name in self._own:
+                raise DctorqueError(self._unknown(name))
+            result[self._index[name]] = k
+        return result
+
+    def encode_values(self, values: NDArray[np.float64], places: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return payloads as `encode` does, for those who encode many times a second.
+
+        Args:
+            values: physical values ``[n, m]``.
+            places: the signals that its columns are, out of `places`.
+
+        Raises:
+            DctorqueError: a value is NaN where the DBC has no "not available".
+        """
+        n = len(values)
         data = np.zeros((n, self._message.length), np.uint8)
-        fault = encode_rows(values, given, self._counter, *self._tables, data)
+        fault = encode_batch(values, places, self._counter, self._memory, data)
         if fault >= 0:
             where = f"{self._message.name}.{self._message.signals[fault].name}"
             raise DctorqueError(f"{where}: a value is NaN, and the DBC has no raw value for not available")
@@ -186,94 +183,3 @@ def _float_at_least(number: int) -> float:
 def _not_available_raws(signal: Signal) -> tuple[int, ...]:
     words = {int(raw): str(word).casefold().replace("_", " ") for raw, word in (signal.choices or {}).items()}
     return tuple(sorted(raw for raw, word in words.items() if word in _NOT_AVAILABLE_WORDS))
-
-
-@compiled_without_allocation
-def _bits_of(value: float, signal: Any, scratch: Any) -> np.uint64:
-    """Return the saturated bits of a physical value that is not NaN."""
-    number = (value - signal.offset) / signal.scale
-    if signal.coding == FLOAT32 or signal.coding == FLOAT64:
-        number = min(max(number, signal.low), signal.high)
-        scratch.bits = np.uint64(0)
-        if signal.coding == FLOAT32:
-            scratch.as_f32 = np.float32(number)
-        else:
-            scratch.as_f64 = number
-        return scratch.bits  # type: ignore[no-any-return]
-    number = min(max(np.rint(number), signal.low), signal.high)
-    if number < 0.0:
-        return np.uint64(np.int64(number)) & signal.mask  # type: ignore[no-any-return]
-    return np.uint64(number)
-
-
-@compiled_without_allocation
-def _write_bits(data: NDArray[np.uint8], i: int, signal: Any, bits: np.uint64) -> None:
-    """Set the bits of a signal, which `layout_problem` holds to its message, the width of ``data``."""
-    byte = signal.lsb_byte
-    data[i, byte] |= np.uint8((bits << signal.shift) & np.uint64(0xFF))
-    position = np.uint64(8) - signal.shift
-    for _ in range(signal.n_bytes - 1):
-        byte += signal.step
-        data[i, byte] |= np.uint8((bits >> position) & np.uint64(0xFF))
-        position += np.uint64(8)
-
-
-@compiled_without_allocation
-def encode_rows(
-    values: NDArray[np.float64],
-    given: NDArray[np.bool_],
-    counter: int,
-    signals: NDArray[Any],
-    conditions: NDArray[Any],
-    raws: NDArray[Any],
-    message: NDArray[Any],
-    row_bits: NDArray[np.uint64],
-    scratch: NDArray[Any],
-    data: NDArray[np.uint8],
-) -> int:
-    """Write payloads into ``data``, which is zero; return -1, or the index of a signal that has no code for NaN.
-
-    Args:
-        values: physical values ``[n, signals]``.
-        given: ``[signals]``, false where the start value is sent.
-        counter: alive counter of the first payload.
-        signals: `SIGNAL`.
-        conditions: `CONDITION`; its ``field`` is the index of the multiplexer in ``signals``.
-        raws: `RAW`.
-        message: `MESSAGE` of one row.
-        row_bits: room for the bits of one payload's signals.
-        scratch: room of one row.
-        data: uint8 ``[n, length]``.
-
-    Bounds: `MessageEncoder` makes every argument; signals have the columns of ``values`` and the rows of
-    ``row_bits``, conditions point into ``signals`` and ``raws``.
-    """
-    rule = message[0]
-    for i in range(len(values)):
-        count = (counter + i) % rule.modulus
-        for k in range(len(signals)):
-            signal = signals[k]
-            if signal.role == COUNTER:
-                row_bits[k] = np.uint64(count)
-            elif signal.role == CRC:
-                row_bits[k] = np.uint64(0)
-            elif not given[k]:
-                row_bits[k] = signal.start
-            elif not np.isnan(values[i, k]):
-                row_bits[k] = _bits_of(values[i, k], signal, scratch[0])
-            elif signal.has_not_available:
-                row_bits[k] = signal.not_available
-            else:
-                return k
-        for k in range(len(signals)):
-            signal = signals[k]
-            selected = True
-            for c in range(signal.first_condition, signal.first_condition + signal.n_conditions):
-                condition = conditions[c]
-                bits = row_bits[condition.field]
-                selected &= find_raw(raws, condition.first_raw, condition.n_raws, bits) >= 0
-            if selected:
-                _write_bits(data, i, signal, row_bits[k])
-        if rule.crc_table >= 0:
-            data[i, rule.crc_byte] = payload_crc(data, i, rule, count, raws)
-    return -1

@@ -9,13 +9,14 @@ from cantools.database.can import Database, Message
 from numpy.typing import NDArray
 
 from dctorque_can.bus.encoder import MessageEncoder
-from dctorque_can.bus.output_signals import CONTENTS, Column, states
+from dctorque_can.bus.output_signals import CONTENTS, physical_values
 from dctorque_can.bus.problems import nearest
 from dctorque_can.bus.protection import declared_protections
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
 MAX_EARLY_US = 1000  # or a tenth of the cycle: an estimate this early is not kept waiting for the next one
+_BEFORE_ALL_US = -(1 << 63)
 _MAX_STANDARD_ID = 0x7FF
 _MAX_EXTENDED_ID = 0x1FFF_FFFF
 
@@ -67,6 +68,9 @@ class OutputEncoder:
             by_id[each.can_id] = each.name
         self._channel = channel
         self._width = 8 if max(message.length for message in chosen) <= 8 else 64
+        self._none = Frames.empty(0, self._width)
+        self._last_us = 0
+        self._early_until_us = _BEFORE_ALL_US  # the first estimate is never early
 
     @property
     def can_ids(self) -> dict[str, int]:
@@ -79,21 +83,34 @@ class OutputEncoder:
         Args:
             rows: `ESTIMATE` ``[n]`` in order of time, but for steps of the clock.
         """
-        due = [message.due(rows["t_us"]) for message in self._messages]
-        state = states(rows["status"])
+        times = rows["t_us"].tolist()
+        if self._is_early(times):
+            return self._none
+        due = [message.due(times, self._last_us) for message in self._messages]
+        self._last_us = times[-1]
+        self._early_until_us = min(message.early_until_us for message in self._messages)
         frames = Frames.empty(sum(map(len, due)), self._width)
         first = 0
-        with np.errstate(over="ignore"):  # what is too large to be converted is saturated like the rest
-            for message, chosen in zip(self._messages, due, strict=True):
-                if len(chosen):
-                    end = first + len(chosen)
-                    message.encode(rows[chosen], state[chosen], frames[first:end])
-                    first = end
+        for message, chosen in zip(self._messages, due, strict=True):
+            if len(chosen):
+                end = first + len(chosen)
+                message.encode(rows, chosen, frames[first:end])
+                first = end
         frames.channel[:] = self._channel
         frames.flags[:] |= np.uint8(FrameFlag.SENT)
         if len(rows) <= 1:
             return frames
         return frames[np.argsort(np.concatenate(due), kind="stable")]
+
+    def _is_early(self, times: list[int]) -> bool:
+        """Return whether nothing is due at any of the times, which is so for most estimates."""
+        last_us = self._last_us
+        for t_us in times:
+            if t_us > self._early_until_us or t_us < last_us:
+                return False
+            last_us = t_us
+        self._last_us = last_us
+        return True
 
 
 class _CyclicMessage:
@@ -108,13 +125,13 @@ class _CyclicMessage:
         self._period_us = int(message.cycle_time * 1000)
         self._early_us = min(self._period_us // 10, MAX_EARLY_US)
         self._next_us: int | None = None
-        self._last_us = 0
+        self._number = list(CONTENTS).index(message.name)
+        self._places = encoder.places(CONTENTS[message.name])
 
-    def due(self, t_us: NDArray[np.int64]) -> NDArray[np.intp]:
-        """Return the rows with which the message is sent."""
+    def due(self, times: list[int], last_us: int) -> NDArray[np.int64]:
+        """Return the rows with which the message is sent; ``last_us`` is the time before them."""
         rows: list[int] = []
-        times = t_us.tolist()
-        following, last = self._next_us, self._last_us
+        following, last = self._next_us, last_us
         period = self._period_us
         for row, t in enumerate(times):
             if following is None or t >= following + period or t < last:
@@ -123,16 +140,22 @@ class _CyclicMessage:
             if t > following - self._early_us:
                 rows.append(row)
                 following += period
-        self._next_us, self._last_us = following, last
-        return np.array(rows, np.intp)
+        self._next_us = following
+        return np.array(rows, np.int64)
 
-    def encode(self, rows: NDArray[np.void], state: Column, frames: Frames) -> None:
-        """Fill one empty frame per row."""
-        frames.t_us[:] = rows["t_us"]
+    @property
+    def early_until_us(self) -> int:
+        """Up to this time, if time does not step back, the message is not due."""
+        return _BEFORE_ALL_US if self._next_us is None else self._next_us - self._early_us
+
+    def encode(self, rows: NDArray[np.void], chosen: NDArray[np.int64], frames: Frames) -> None:
+        """Fill one empty frame per chosen row."""
+        frames.t_us[:] = rows["t_us"][chosen]
         frames.can_id[:] = self.can_id
         frames.length[:] = self._length
         frames.flags[:] = self._flags
-        frames.data[:, : self._length] = self._encoder.encode(CONTENTS[self.name](rows, state))
+        values = physical_values(self._number, rows, chosen)
+        frames.data[:, : self._length] = self._encoder.encode_values(values, self._places)
 
 
 def _can_id(message: Message, override: int | None) -> int:

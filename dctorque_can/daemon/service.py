@@ -26,6 +26,7 @@ from dctorque_can.daemon.recorder import Recorder
 from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
+from dctorque_can.pipeline.estimates import ESTIMATE
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
 RECEIVE_TIMEOUT_S = 0.1
@@ -150,6 +151,8 @@ class Service:
             self._chain.warm_up()
             if self._config.can.interface == "socketcan":
                 socketcan.warm_up()
+            if self._publisher is not None:
+                self._output_encoder().encode(np.zeros(1, ESTIMATE))  # another one: no counter moves
         finally:
             self.compiling = False
         try:
@@ -256,10 +259,10 @@ class Service:
             self._say(*self._log.news.popleft())
 
     def _make_publisher(self) -> Publisher | None:
-        output = self._config.output
-        if not output.enabled:
-            return None
-        return Publisher(OutputEncoder(output.database, output.ids), self._link, self._tell)
+        return Publisher(self._output_encoder(), self._link, self._tell) if self._config.output.enabled else None
+
+    def _output_encoder(self) -> OutputEncoder:
+        return OutputEncoder(self._config.output.database, self._config.output.ids)
 
     def _summary(self, seconds: float, cpu_s: float) -> Summary:
         return Summary(
