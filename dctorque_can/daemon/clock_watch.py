@@ -38,8 +38,11 @@ class ClockWatch:
     def look(self, t_us: NDArray[np.int64], now_s: float) -> None:
         """Take the stamps of the next frames, received at ``now_s`` of a clock that nobody sets."""
         received_us = round(now_s * 1e6)
+        stamps = t_us.tolist()
+        if self._goes_on(stamps, received_us):
+            return
         judged = self._latest_us is not None  # the first frames may have waited for long, each for another time
-        for stamp_us in t_us.tolist():
+        for stamp_us in stamps:
             age_us = received_us - stamp_us
             if self._latest_us is None:
                 self._latest_us, self._age_us = stamp_us, age_us
@@ -53,6 +56,18 @@ class ClockWatch:
                 leak_us = round(LEAK * (received_us - self._received_us))
                 self._age_us = min(age_us, self._age_us + leak_us)
             self._received_us = received_us
+
+    def _goes_on(self, stamps: list[int], received_us: int) -> bool:
+        """Take stamps among which there is certainly no step, all at once; the result is that of one by one."""
+        if self._latest_us is None:
+            return False
+        latest_us = max(self._latest_us, max(stamps))
+        age_us = self._age_us + round(LEAK * (received_us - self._received_us))
+        smallest_us = received_us - max(stamps)
+        if min(stamps) < latest_us - self._out_of_order_us or smallest_us < age_us - FORWARD_US:
+            return False
+        self._latest_us, self._age_us, self._received_us = latest_us, min(smallest_us, age_us), received_us
+        return True
 
     def _step(self, latest_us: int, stamp_us: int, received_us: int) -> None:
         self.steps += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import re
+import socket
 from concurrent.futures import Future
 from functools import partial
 from queue import SimpleQueue
@@ -11,6 +12,7 @@ from threading import Thread
 
 import can
 from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.socketcan.socketcan import build_can_frame
 from can.interfaces.virtual import VirtualBus
 
 from dctorque_can.daemon.background import finished, settle
@@ -40,6 +42,8 @@ class Sender:
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
+        # python-can asks first whether the socket takes a frame; the socket says so itself
+        self._socket = bus.socket if isinstance(bus, SocketcanBus) and bus.channel else None
         self._under_way: Future[None] | None = None
         self._calls: SimpleQueue[tuple[can.Message, Future[None]] | None] | None = None
         if not isinstance(bus, NEVER_WAIT):
@@ -52,6 +56,9 @@ class Sender:
         Raises:
             Exception: whatever the interface raises; `can.CanTimeoutError` when an earlier frame is under way.
         """
+        if self._socket is not None:
+            _send_raw(self._socket, message)
+            return True
         if self._calls is None:
             self._bus.send(message)
             return True
@@ -82,3 +89,10 @@ class Sender:
         while (call := calls.get()) is not None:
             message, future = call
             settle(future, partial(self._bus.send, message, SEND_S))
+
+
+def _send_raw(raw: socket.socket, message: can.Message) -> None:
+    try:
+        raw.send(build_can_frame(message), socket.MSG_DONTWAIT)
+    except OSError as error:
+        raise can.CanOperationError(f"Failed to transmit: {error.strerror}", error.errno) from error

@@ -208,8 +208,9 @@ class Service:
         if self._publisher is not None:
             self._publisher.hear(frames)
         estimates = self._chain.feed(frames)
-        self._estimates += len(estimates)
-        self._valid_estimates += count_valid(estimates.rows)
+        if len(estimates):
+            self._estimates += len(estimates)
+            self._valid_estimates += count_valid(estimates.rows)
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
             sent = self._publisher.publish(estimates.rows)

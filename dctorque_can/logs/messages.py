@@ -35,6 +35,7 @@ _SWITCH = int(FrameFlag.BITRATE_SWITCH)
 _STATE = int(FrameFlag.ERROR_STATE)
 _REMOTE = int(FrameFlag.REMOTE)
 _ERROR = int(FrameFlag.ERROR)
+_SENT = int(FrameFlag.SENT)
 _TRANSMITTED = int(FrameFlag.TRANSMITTED)
 
 
@@ -108,20 +109,20 @@ def message_from_frame(frames: Frames, i: int) -> can.Message:
     flags = int(frames.flags[i])
     can_id = int(frames.can_id[i])
     length = int(frames.length[i])
-    remote = bool(flags & FrameFlag.REMOTE)
+    remote = bool(flags & _REMOTE)
     return can.Message(
         timestamp=int(frames.t_us[i]) / 1e6,
         arbitration_id=can_id & ID_MASK,
-        is_extended_id=bool(can_id & EXTENDED_ID),
+        is_extended_id=bool(can_id & _EXTENDED),
         is_remote_frame=remote,
-        is_error_frame=bool(flags & FrameFlag.ERROR),
+        is_error_frame=bool(flags & _ERROR),
         channel=int(frames.channel[i]),
         dlc=length,
         data=None if remote else frames.data[i, :length].tobytes(),
-        is_fd=bool(flags & FrameFlag.FD),
-        is_rx=not flags & (FrameFlag.SENT | FrameFlag.TRANSMITTED),
-        bitrate_switch=bool(flags & FrameFlag.BITRATE_SWITCH),
-        error_state_indicator=bool(flags & FrameFlag.ERROR_STATE),
+        is_fd=bool(flags & _FD),
+        is_rx=not flags & (_SENT | _TRANSMITTED),
+        bitrate_switch=bool(flags & _SWITCH),
+        error_state_indicator=bool(flags & _STATE),
     )
 
 

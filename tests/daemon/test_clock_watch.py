@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dctorque_can.daemon.clock_watch import FIRST, ClockWatch
 
@@ -79,3 +81,25 @@ def test_a_clock_that_never_rests_is_counted_and_told_less_and_less(watch: Clock
     assert watch.steps == 1000
     assert len(told) == FIRST + 6  # and 16, 32 … 512
     assert "(step 512)" in told[-1]
+
+
+@given(
+    st.lists(
+        st.tuples(st.lists(st.integers(-250_000, 250_000), min_size=1, max_size=5), st.integers(0, 300_000)),
+        max_size=20,
+    )
+)
+def test_a_batch_is_judged_as_its_frames_are_one_by_one(batches: list[tuple[list[int], int]]) -> None:
+    """Offsets of the stamps of a batch from the true time, and the time until the next batch."""
+    told: tuple[list[str], list[str]] = ([], [])
+    together, singly = (ClockWatch(OUT_OF_ORDER_US, lambda is_error, text, to=to: to.append(text)) for to in told)
+    singly._goes_on = lambda stamps, received_us: False  # type: ignore[method-assign]
+    t_us = 0
+    for offsets_us, pause_us in batches:
+        stamps = np.array(offsets_us) + t_us
+        together.look(stamps, t_us / 1e6)
+        singly.look(stamps, t_us / 1e6)
+        t_us += pause_us
+        for name in ("steps", "_latest_us", "_received_us", "_age_us"):
+            assert getattr(together, name) == getattr(singly, name), name
+    assert told[0] == told[1]

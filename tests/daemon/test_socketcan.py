@@ -150,6 +150,32 @@ def test_a_socket_that_is_closed_is_a_lost_bus(pair: Pair) -> None:
     assert told == ["the bus is gone: Error receiving: Bad file descriptor; trying to open it again"]
 
 
+@pytest.mark.parametrize(
+    "message",
+    [
+        can.Message(arbitration_id=0x123, data=b"\1\2\3", is_extended_id=False),
+        can.Message(arbitration_id=0x18FEF100, is_remote_frame=True, dlc=4),
+        can.Message(arbitration_id=0x55, data=bytes(range(20)), is_fd=True, bitrate_switch=True),
+    ],
+)
+def test_frames_are_sent_as_python_can_sends_them(pair: Pair, message: can.Message) -> None:
+    pair.bus.send(message)
+    link = BusLink(lambda: pair.bus, lambda is_error, text: None)
+    link.open()
+    assert link.send(message)
+    assert pair.wire.recv(100) == pair.wire.recv(100)
+
+
+def test_a_socket_that_is_full_refuses_a_frame_and_stays_open(pair: Pair) -> None:
+    link = BusLink(lambda: pair.bus, lambda is_error, text: None)
+    link.open()
+    message = can.Message(arbitration_id=0x123, data=b"1", is_extended_id=False)
+    while link.send(message):
+        pass
+    assert (link.up, link.counts.send_failures, link.counts.lost) == (True, 1, 0)
+    assert link.counts.sent > 0
+
+
 def test_filters_that_the_kernel_does_not_apply_are_left_to_python_can(pair: Pair) -> None:
     pair.bus.set_filters([{"can_id": 0x100, "can_mask": 0x7FF}])
     assert isinstance(receiver_of(pair.bus), MessageReceiver)
