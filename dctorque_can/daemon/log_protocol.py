@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from enum import IntEnum
 from typing import Any
 
@@ -74,14 +74,19 @@ def read_frames(body: bytes) -> Frames:
     return Frames(t_us, can_id, length, flags, channel, column("u1", width).reshape(n, width))
 
 
-def estimates_message(rows: NDArray[np.void]) -> bytes:
+def estimates_message(parts: Iterable[NDArray[np.void]]) -> bytes:
     """Return `ESTIMATE` rows as one message."""
-    return message(Kind.ESTIMATES, rows.astype(ESTIMATE, copy=False).tobytes())
+    return message(Kind.ESTIMATES, _joined(parts, ESTIMATE))
 
 
-def health_message(rows: NDArray[np.void]) -> bytes:
+def health_message(parts: Iterable[NDArray[np.void]]) -> bytes:
     """Return `HEALTH` rows as one message."""
-    return message(Kind.HEALTH, rows.astype(HEALTH, copy=False).tobytes())
+    return message(Kind.HEALTH, _joined(parts, HEALTH))
+
+
+def _joined(parts: Iterable[NDArray[np.void]], dtype: np.dtype[np.void]) -> bytes:
+    """Return rows one behind the other: numpy would compare the fields of each part to those of the others."""
+    return b"".join([rows.astype(dtype, copy=False).tobytes() for rows in parts])
 
 
 def table_message(table: Table, rows: NDArray[np.void]) -> bytes:

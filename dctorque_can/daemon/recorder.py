@@ -141,8 +141,8 @@ class Recorder:
     def _hand_over(self) -> None:
         self._hand_over_frames()
         if self._rows:
-            self._log.hand_over(estimates_message(np.concatenate(self._rows)))
+            self._log.hand_over(estimates_message(self._rows))
             self._rows.clear()
         if self._health:
-            self._log.hand_over(health_message(np.concatenate(self._health)))
+            self._log.hand_over(health_message(self._health))
             self._health.clear()

@@ -17,13 +17,15 @@ def receive_by_steady_clock(bus: can.BusABC) -> None:
         return
 
     def recv(timeout: float | None = None) -> can.Message | None:
-        until_s = float("inf") if timeout is None else time.monotonic() + timeout
+        until_s = time.monotonic() + timeout if timeout else None
         left_s = timeout
         while True:
             message, filtered = bus._recv_internal(left_s)
             if message is not None and (filtered or bus._matches_filters(message)):
                 return message
-            if timeout is not None:
+            if timeout == 0:  # what is filtered out has used up the time
+                return None
+            if until_s is not None:
                 left_s = until_s - time.monotonic()
                 if left_s <= 0:
                     return None

@@ -6,6 +6,7 @@ Needs vcan0: ``tools/with-vcan pytest -m socketcan`` where the kernel has none.
 import json
 import os
 import signal
+import socket
 import subprocess
 import threading
 import time
@@ -19,8 +20,11 @@ import numpy as np
 import pytest
 
 from dctorque_can.daemon.link import open_bus
+from dctorque_can.daemon.reception import receiver_of
+from dctorque_can.daemon.socketcan import SocketcanReceiver
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES
+from dctorque_can.logs.messages import frames_from_messages
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 from dctorque_can.resources import shipped_config, shipped_dbc
@@ -174,6 +178,53 @@ def test_one_process_injects_and_one_estimates(start, inject, dctorque, tmp_path
     live, again = (read_table(path, ESTIMATES) for path in (daemon.log, tmp_path / "again.mcap"))
     assert len(live) == summary["estimates"]
     assert live.tobytes() == again.tobytes()
+
+
+MIXED = [
+    can.Message(arbitration_id=0x123, data=b"\1\2\3", is_extended_id=False),
+    can.Message(arbitration_id=0x7FF, is_extended_id=False),
+    can.Message(arbitration_id=0x18FEF100, data=bytes(range(8))),
+    can.Message(arbitration_id=0x124, is_extended_id=False, is_remote_frame=True, dlc=4),
+    can.Message(arbitration_id=0x55, data=bytes(range(7)), is_fd=True, is_extended_id=False),
+    can.Message(arbitration_id=0x18FEF101, data=bytes(range(64)), is_fd=True, bitrate_switch=True),
+    can.Message(arbitration_id=0x56, data=bytes(20), is_fd=True, bitrate_switch=True, error_state_indicator=True),
+    can.Message(arbitration_id=0x004, data=bytes(8), is_error_frame=True, is_extended_id=False),
+]
+
+
+def test_a_batch_of_the_kernel_is_what_python_can_receives_frame_by_frame() -> None:
+    """All kinds of frames, those of another program and those of the same socket that come back."""
+    arguments = {"interface": "socketcan", "channel": "vcan0", "fd": True, "receive_own_messages": True}
+    with open_bus(arguments) as sender, open_bus(arguments) as ours, open_bus(arguments) as theirs:
+        receiver = receiver_of(ours)
+        assert isinstance(receiver, SocketcanReceiver)
+        for message in MIXED:
+            sender.send(message)
+            ours.send(message)
+        expected = [theirs.recv(HANG_S) for _ in range(2 * len(MIXED))]
+        parts: list[Frames] = []
+        while sum(map(len, parts)) < len(expected):
+            part = receiver.receive(1.0)
+            parts.append(Frames.concatenate([part]))  # a copy: the next call writes over it
+    stock = frames_from_messages([message for message in expected if message is not None])
+    batch = Frames.concatenate(parts)
+    for name in ("can_id", "length", "flags", "channel", "data"):
+        np.testing.assert_array_equal(getattr(batch, name), getattr(stock, name), err_msg=name)
+    assert np.abs(batch.t_us - stock.t_us).max() <= 1  # python-can's are floats, rounded
+
+
+def test_frames_that_do_not_fit_into_the_buffer_are_counted() -> None:
+    with open_bus({"interface": "socketcan", "channel": "vcan0"}) as bus, can.Bus("vcan0", "socketcan") as car:
+        receiver = receiver_of(bus)
+        bus.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)  # the kernel makes the smallest of it
+        for _ in range(200):
+            car.send(can.Message(arbitration_id=0x100, data=bytes(8), is_extended_id=False))
+        received = 0
+        while n := len(receiver.receive(0.1)):
+            received += n
+        car.send(can.Message(arbitration_id=0x100, data=bytes(8), is_extended_id=False))  # the next one says it
+        assert len(receiver.receive(HANG_S)) == 1
+    assert receiver.dropped == 200 - received > 0
 
 
 def test_the_daemon_survives_a_bus_that_goes_down_and_comes_back(start, inject) -> None:
