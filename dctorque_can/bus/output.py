@@ -9,7 +9,7 @@ from cantools.database.can import Database, Message
 from numpy.typing import NDArray
 
 from dctorque_can.bus.encoder import MessageEncoder
-from dctorque_can.bus.output_signals import CONTENTS, physical_values
+from dctorque_can.bus.output_signals import CONTENTS, estimate_words, physical_values
 from dctorque_can.bus.problems import nearest
 from dctorque_can.bus.protection import declared_protections
 from dctorque_can.errors import DctorqueError
@@ -90,17 +90,18 @@ class OutputEncoder:
         self._last_us = times[-1]
         self._early_until_us = min(message.early_until_us for message in self._messages)
         frames = Frames.empty(sum(map(len, due)), self._width)
+        words = estimate_words(rows)
         first = 0
         for message, chosen in zip(self._messages, due, strict=True):
-            if len(chosen):
-                end = first + len(chosen)
-                message.encode(rows, chosen, frames[first:end])
-                first = end
+            if chosen:
+                message.encode(words, np.array(chosen, np.int64), frames, first)
+                first += len(chosen)
+        order = [row for chosen in due for row in chosen]
+        frames.t_us[:] = rows["t_us"][order]
         frames.channel[:] = self._channel
-        frames.flags[:] |= np.uint8(FrameFlag.SENT)
         if len(rows) <= 1:
             return frames
-        return frames[np.argsort(np.concatenate(due), kind="stable")]
+        return frames[np.argsort(order, kind="stable")]
 
     def _is_early(self, times: list[int]) -> bool:
         """Return whether nothing is due at any of the times, which is so for most estimates."""
@@ -120,7 +121,7 @@ class _CyclicMessage:
         self.name = message.name
         self.can_id = can_id
         self._length = message.length
-        self._flags = int(FrameFlag.FD) if message.is_fd or message.length > 8 else 0
+        self._flags = int(FrameFlag.SENT | FrameFlag.FD if message.is_fd or message.length > 8 else FrameFlag.SENT)
         self._encoder = encoder
         self._period_us = int(message.cycle_time * 1000)
         self._early_us = min(self._period_us // 10, MAX_EARLY_US)
@@ -128,7 +129,7 @@ class _CyclicMessage:
         self._number = list(CONTENTS).index(message.name)
         self._places = encoder.places(CONTENTS[message.name])
 
-    def due(self, times: list[int], last_us: int) -> NDArray[np.int64]:
+    def due(self, times: list[int], last_us: int) -> list[int]:
         """Return the rows with which the message is sent; ``last_us`` is the time before them."""
         rows: list[int] = []
         following, last = self._next_us, last_us
@@ -141,21 +142,21 @@ class _CyclicMessage:
                 rows.append(row)
                 following += period
         self._next_us = following
-        return np.array(rows, np.int64)
+        return rows
 
     @property
     def early_until_us(self) -> int:
         """Up to this time, if time does not step back, the message is not due."""
         return _BEFORE_ALL_US if self._next_us is None else self._next_us - self._early_us
 
-    def encode(self, rows: NDArray[np.void], chosen: NDArray[np.int64], frames: Frames) -> None:
-        """Fill one empty frame per chosen row."""
-        frames.t_us[:] = rows["t_us"][chosen]
-        frames.can_id[:] = self.can_id
-        frames.length[:] = self._length
-        frames.flags[:] = self._flags
-        values = physical_values(self._number, rows, chosen)
-        frames.data[:, : self._length] = self._encoder.encode_values(values, self._places)
+    def encode(self, words: NDArray[np.int64], chosen: NDArray[np.int64], frames: Frames, first: int) -> None:
+        """Fill one empty frame per chosen estimate, from the ``first`` on, but for its time and channel."""
+        end = first + len(chosen)
+        frames.can_id[first:end] = self.can_id
+        frames.length[first:end] = self._length
+        frames.flags[first:end] = self._flags
+        values = physical_values(self._number, words, chosen)
+        frames.data[first:end, : self._length] = self._encoder.encode_values(values, self._places)
 
 
 def _can_id(message: Message, override: int | None) -> int:

@@ -236,15 +236,19 @@ def _write_words(
     _write_rows(message, words.view(ESTIMATE), chosen, out)
 
 
-def physical_values(message: int, rows: NDArray[np.void], chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+def estimate_words(rows: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return `ESTIMATE` rows as plain words: records cost more to hand over than their values to compute."""
+    return np.ascontiguousarray(rows).view(np.int64)
+
+
+def physical_values(message: int, words: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the values of a message in the units of the DBC, ``[m, MOST_SIGNALS]``; NaN where one is not valid.
 
     Args:
         message: its place in `CONTENTS`, which also says what the first columns are.
-        rows: `ESTIMATE` ``[n]``.
-        chosen: rows for which it is sent ``[m]``.
+        words: the `estimate_words` of ``n`` estimates.
+        chosen: those for which it is sent ``[m]``.
     """
     out = np.empty((len(chosen), MOST_SIGNALS))
-    # records cost more to hand over than all of this to compute: they travel as plain words
-    _write_words(message, np.ascontiguousarray(rows).view(np.int64), chosen, out)
+    _write_words(message, words, chosen, out)
     return out

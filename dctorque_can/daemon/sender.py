@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import re
 import socket
+import struct
 from concurrent.futures import Future
 from functools import partial
 from queue import SimpleQueue
@@ -16,10 +17,12 @@ from can.interfaces.socketcan.socketcan import build_can_frame
 from can.interfaces.virtual import VirtualBus
 
 from dctorque_can.daemon.background import finished, settle
+from dctorque_can.pipeline.frames import EXTENDED_ID
 
 SEND_S = 0.1  # for interfaces that keep to a time limit
 PATIENCE_S = 0.005  # that long the receive loop waits for a frame to be taken
 NEVER_WAIT = (SocketcanBus, VirtualBus)  # these say at once that they are full
+_CLASSIC = struct.Struct("=IB2xB8s")  # struct can_frame
 _FULL = {errno.ENOBUFS, errno.EAGAIN}
 # What python-can's interfaces say without a code: socketcan "Transmit buffer full", virtual the other.
 _FULL_TEXT = re.compile(r"\bfull\b|to one or more recipients", re.IGNORECASE)
@@ -93,6 +96,14 @@ class Sender:
 
 def _send_raw(raw: socket.socket, message: can.Message) -> None:
     try:
-        raw.send(build_can_frame(message), socket.MSG_DONTWAIT)
+        raw.send(_can_frame(message), socket.MSG_DONTWAIT)
     except OSError as error:
         raise can.CanOperationError(f"Failed to transmit: {error.strerror}", error.errno) from error
+
+
+def _can_frame(message: can.Message) -> bytes:
+    """Return what python-can's ``build_can_frame`` does, sooner for the usual kind of frame."""
+    if message.is_fd or message.is_remote_frame or message.is_error_frame or len(message.data) > 8:
+        return build_can_frame(message)
+    can_id = message.arbitration_id | (EXTENDED_ID if message.is_extended_id else 0)
+    return _CLASSIC.pack(can_id, len(message.data), message.dlc, message.data)

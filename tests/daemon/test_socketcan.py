@@ -154,6 +154,8 @@ def test_a_socket_that_is_closed_is_a_lost_bus(pair: Pair) -> None:
     "message",
     [
         can.Message(arbitration_id=0x123, data=b"\1\2\3", is_extended_id=False),
+        can.Message(arbitration_id=0x18FEF100, data=bytes(8)),
+        can.Message(arbitration_id=0x7FF, is_extended_id=False),
         can.Message(arbitration_id=0x18FEF100, is_remote_frame=True, dlc=4),
         can.Message(arbitration_id=0x55, data=bytes(range(20)), is_fd=True, bitrate_switch=True),
     ],
