@@ -33,7 +33,7 @@ class Chain:
         self._estimator = self._smoother or Estimator(config.settings)
 
     def warm_up(self) -> None:
-        """Compile everything; takes up to a minute the first time on a machine, and no time later."""
+        """Compile everything, or load it where it is compiled already."""
         warm_up(self._config.settings)
         for width in (8, 64):
             self._decoder.decode(Frames.empty(0, width))

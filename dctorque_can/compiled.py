@@ -1,20 +1,25 @@
-"""The one compiler switch of the package: scalar loops over arrays, compiled by numba and cached on disk.
+"""The one compiler switch of the package: scalar loops over arrays, compiled by numba and kept on disk.
 
-``fastmath`` and ``parallel`` stay off so that a result does not depend on how a log was cut into batches.
+``fastmath`` and ``parallel`` stay off so that a result does not depend on how a log was cut into batches. Where
+compiled code is kept, and when it is still good, is said in `compiling.places`.
 """
 
-from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar, cast
+from __future__ import annotations
 
-from numba import njit, typeof, types
+import threading
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import Any, ParamSpec, TypeVar, cast
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_making = threading.RLock()
+
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Return ``function`` compiled to machine code, bit-identical for every batch length."""
-    return _compile(function)
+    return cast(Callable[P, R], CompiledFunction(function, {}))
 
 
 def compiled_without_allocation(function: Callable[P, R]) -> Callable[P, R]:
@@ -23,7 +28,43 @@ def compiled_without_allocation(function: Callable[P, R]) -> Callable[P, R]:
     Numba otherwise counts references of every array that is passed from function to function, with atomic
     instructions that cost a loop over small steps five times its work. All functions it calls must be so too.
     """
-    return _compile(function, _nrt=False)
+    return cast(Callable[P, R], CompiledFunction(function, {"_nrt": False}))
+
+
+class CompiledFunction:
+    """A function that numba gets to see when it is called, by Python or by another that is compiled.
+
+    Most are never seen: where the machine code of a function is on disk, it has in it all that the function calls.
+
+    Args:
+        function: as it is written.
+        options: of numba, beside those of all functions.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, bool]) -> None:
+        update_wrapper(self, function)
+        self._function = function
+        self._options = options
+        self._machine_code: Any = None
+
+    def __call__(self, *args: Any, **kws: Any) -> Any:
+        """Call the machine code."""
+        return (self._machine_code or self._made())(*args, **kws)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what numba's own compiled function has: its answers to the compiler among others."""
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self._made(), name)
+
+    def __reduce__(self) -> str:
+        return self._function.__qualname__
+
+    def _made(self) -> Any:
+        with _making:
+            if self._machine_code is None:
+                self._machine_code = _machine_code(self._function, self._options)
+            return self._machine_code
 
 
 def entry(function: Callable[..., R], arguments: tuple[Any, ...]) -> Callable[..., R]:
@@ -32,20 +73,27 @@ def entry(function: Callable[..., R], arguments: tuple[Any, ...]) -> Callable[..
     Calling the function itself finds out which machine code fits, and that costs more than a few samples do.
     Arguments of other types, or arrays that are not contiguous, would be misread.
     """
+    from numba import typeof
+
     type_of: Callable[[Any], Any] = typeof
     return cast(Callable[..., R], cast(Any, function).compile(tuple(type_of(each) for each in arguments)))
 
 
-def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+def _machine_code(function: Callable[..., Any], options: dict[str, bool]) -> Any:
     """Return what Python and compiled code call, for each of which a function is compiled apart.
 
     Only what Python enters has a way in for it and is kept on disk: it holds all that it calls. Those are most of
     the functions, and would otherwise take twice as long.
     """
-    try:
-        entered = cast(Any, njit)(cache=True, error_model="numpy", **options)(function)
-    except RuntimeError:  # no place for a cache: a service user without a home; it compiles at every start
-        entered = cast(Any, njit)(error_model="numpy", **options)(function)
+    from numba import njit, types
+    from numba.core import config
+
+    from dctorque_can.compiling.kept_code import OURS, KeptCode
+
+    if cast(Any, config).DISABLE_JIT:
+        return function
+    entered = cast(Any, njit)(error_model="numpy", **options)(function)
+    entered._cache = KeptCode(function)
     called = cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, error_model="numpy", **options)(
         function
     )
@@ -58,4 +106,6 @@ def _compile(function: Callable[P, R], **options: Any) -> Callable[P, R]:
 
     entered.get_call_template = get_call_template
     entered.get_overload = called.get_overload
-    return cast(Callable[P, R], entered)
+    for made in (entered, called):
+        setattr(made, OURS, True)
+    return entered

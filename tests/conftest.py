@@ -4,7 +4,6 @@ The tests import the *installed* package (``--import-mode=importlib`` puts nothi
 nobody tests yesterday's copy by accident, an installed copy that differs from this checkout is refused.
 """
 
-import hashlib
 import os
 import shutil
 import time
@@ -15,18 +14,6 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parents[1]
-# tests/test_architecture.py holds them to it.
-NO_COMPILED_CODE = (
-    "analysis",
-    "chain.py",
-    "cli",
-    "config",
-    "daemon",
-    "design",
-    "offline",
-    "report",
-    "study",
-)
 CACHE_LIFETIME_S = 24 * 3600.0
 
 # Time limits say more about the load of the machine than about the code.
@@ -66,33 +53,19 @@ def sources(package: Path) -> list[Path]:
     return sorted(package.rglob("*.py"))
 
 
-def compiled_code_cache(package: Path) -> Path:
-    """Return a cache directory that belongs to exactly these sources and ways to compile them.
-
-    Numba takes cached code for fresh when the function's own file is unchanged, whatever it calls elsewhere, and
-    whether or not indices are checked (`NUMBA_BOUNDSCHECK`).
-    """
-    digest = hashlib.sha256()
-    for option in ("NUMBA_BOUNDSCHECK", "NUMBA_OPT"):
-        if option in os.environ:
-            digest.update(f"{option}={os.environ[option]}\n".encode())
-    for path in sources(package):
-        name = path.relative_to(package)
-        if name.parts[0] not in NO_COMPILED_CODE:
-            digest.update(f"{name}\n".encode() + path.read_bytes())
-    caches = ROOT / ".pytest_cache" / "numba"
-    ours = caches / digest.hexdigest()[:16]
-    ours.mkdir(parents=True, exist_ok=True)
-    os.utime(ours)
-    for cache in caches.iterdir():
-        if time.time() - cache.stat().st_mtime > CACHE_LIFETIME_S:
-            shutil.rmtree(cache, ignore_errors=True)  # another session may be doing the same
-    return ours
+def compiled_code_cache() -> Path:
+    """Return the cache directory of this checkout's tests, without what no session has used for long."""
+    cache = ROOT / ".pytest_cache" / "numba"
+    cache.mkdir(parents=True, exist_ok=True)
+    for folder in cache.glob("dctorque/*"):
+        if time.time() - folder.stat().st_mtime > CACHE_LIFETIME_S:
+            shutil.rmtree(folder, ignore_errors=True)  # another session may be doing the same
+    return cache
 
 
 PACKAGE = installed_package()
 # Before anything imports numba, and inherited by the processes that tests start.
-os.environ["NUMBA_CACHE_DIR"] = str(compiled_code_cache(PACKAGE))
+os.environ["NUMBA_CACHE_DIR"] = str(compiled_code_cache())
 
 
 def pytest_configure(config: pytest.Config) -> None:

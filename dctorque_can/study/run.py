@@ -103,7 +103,7 @@ class Bench:
         )
 
     def warm_up(self) -> None:
-        """Compile everything; takes up to a minute the first time on a machine."""
+        """Compile everything, or load it where it is compiled already."""
         Chain(self._config).warm_up()
         truth = simulate(self.nominal.vehicle, replace(self.nominal.drive, duration_s=0.1))
         emit_frames(truth, self.nominal.vehicle, self.nominal.sensors, self._config.database)
