@@ -82,7 +82,7 @@ def output_of(command: Sequence[str], cwd: Path, environment: dict[str, str] | N
 def checkout_side() -> Side:
     """Return this checkout, installed for the interpreter that runs the tool.
 
-    Compiled code is shared with the tests: ``tests/conftest.py`` keeps it apart for every state of the sources.
+    Compiled code is shared with the tests.
 
     Raises:
         CommitError: what is installed here is not this checkout.

@@ -98,7 +98,7 @@ def compare(
         problems = [problem for reader in readers for problem in reader.problems]
     if not drives:
         drives = _simulated(loaded, drive, profile, range(seed, seed + seeds), duration)
-    what = "estimating (the first run on a machine compiles here too)"
+    what = "estimating"
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:
@@ -173,7 +173,7 @@ def _simulated(
 ) -> list[SimulatedDrive]:
     from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_cars
 
-    what = "simulating (the first run on a machine compiles for up to a minute)"
+    what = "simulating"
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TimeRemainingColumn
+from rich.text import Text
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -46,14 +47,59 @@ def print_json(result: Mapping[str, Any]) -> None:
     sys.stdout.flush()
 
 
+_note: Callable[[], str] | None = None  # what keeps the activity waiting that is shown
+_shown = 0  # displays on the terminal
+
+
+def is_shown() -> bool:
+    """Return whether an activity or a progress bar is on the terminal."""
+    return _shown > 0
+
+
+@contextmanager
+def shown_note(note: Callable[[], str]) -> Iterator[None]:
+    """Show a text, anew with every drawing, beside what goes on."""
+    global _note
+    before, _note = _note, note
+    try:
+        yield
+    finally:
+        _note = before
+
+
+class _WithNote:
+    """A description and the note of the moment."""
+
+    def __init__(self, description: str) -> None:
+        self._description = description
+
+    def __rich__(self) -> Text:
+        return Text(self._description if _note is None else f"{self._description} ({_note()})")
+
+
+class _DescriptionColumn(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        return _WithNote(task.description).__rich__()
+
+
+@contextmanager
+def _displayed() -> Iterator[None]:
+    global _shown
+    _shown += 1
+    try:
+        yield
+    finally:
+        _shown -= 1
+
+
 @contextmanager
 def progress_bar(description: str, show: bool = True) -> Iterator[Callable[[float], None]]:
     """Give a function that takes the finished fraction (0..1); draws only when stderr is a terminal."""
     if not (show and STDERR.is_terminal):
         yield lambda fraction: None
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=STDERR, transient=True) as progress:
+    columns = (_DescriptionColumn(), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with _displayed(), Progress(*columns, console=STDERR, transient=True) as progress:
         task = progress.add_task(description, total=1.0)
         yield lambda fraction: progress.update(task, completed=fraction)
 
@@ -62,7 +108,7 @@ def progress_bar(description: str, show: bool = True) -> Iterator[Callable[[floa
 def activity(description: str, show: bool = True) -> Iterator[None]:
     """Show that something of unknown length is going on: a spinner on a terminal, one line elsewhere."""
     if show and STDERR.is_terminal:
-        with STDERR.status(escape(description)):
+        with _displayed(), STDERR.status(_WithNote(description)):
             yield
         return
     if show:

@@ -44,13 +44,13 @@ def demo(
 
         settings = ["output.enabled=true", *(settings or [])]
         loaded = configuration.load(config, settings, "virtual", f"dctorque demo {time.monotonic_ns()}")
-    what = "simulating the drive (the first run on a machine compiles for up to a minute)"
+    what = "simulating the drive"
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:
         simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration, progress)
     show = Demo(loaded, folder, _tell)
-    with activity("preparing the estimator (the first run on a machine compiles here too)"):
+    with activity("preparing the estimator"):
         show.prepare()
     say(f"{len(simulated.frames)} frames of the {simulated.name} go over a virtual bus to the service")
     with progress_bar("estimating") as progress:

@@ -18,14 +18,15 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from dctorque_can import __version__
+from dctorque_can.cli.compile_notice import compiling_is_told
 from dctorque_can.cli.console import fail
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.late_asammdf import late_asammdf
 
 DEBUG = "--debug"
-COMMANDS = ("run", "replay", "simulate", "demo", "compare", "study", "check", "design", "recover")
-"""Each is the function of that name in the file of that name, in the order of ``--help``."""
+COMMANDS = ("run", "replay", "simulate", "demo", "compare", "study", "check", "design", "recover", "warm-up")
+"""Each is the function of that name in the file of that name (``_`` for ``-``), in the order of ``--help``."""
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -39,7 +40,8 @@ class FromFiles(dict[str, Any]):
         if name not in self:
             raise KeyError(name)
         alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, context_settings=_SETTINGS)
-        alone.command(name)(getattr(import_module(f"dctorque_can.cli.{name}"), name))
+        word = name.replace("-", "_")
+        alone.command(name)(getattr(import_module(f"dctorque_can.cli.{word}"), word))
         return get_command(alone)
 
     def get(self, name: str, default: Any = None) -> Any:
@@ -93,7 +95,7 @@ def main() -> None:
     """Run the command line and exit."""
     atexit.register(gc.freeze)  # or the end of the process spends a second on collecting compiled code
     logging.getLogger("can").addHandler(logging.NullHandler())  # its errors come to us as exceptions too
-    with late_asammdf():
+    with late_asammdf(), compiling_is_told():
         sys.exit(_outcome(sys.argv[1:]))
 
 

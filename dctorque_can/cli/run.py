@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dctorque_can.cli import configuration
+from dctorque_can.cli.compile_notice import compiling_is_over
 from dctorque_can.cli.console import STDERR, activity, fail, print_json, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.options import (
@@ -101,8 +102,9 @@ def _serve(config: Config, service: Service, duration: float | None, wait: bool)
     from dctorque_can.daemon.signals import obeying_signals
 
     with obeying_signals(service):
-        with activity("preparing (the first run on a machine compiles for up to a minute)", STDERR.is_terminal):
+        with activity("preparing", STDERR.is_terminal):
             service.prepare(wait_for_bus=wait)
+        compiling_is_over()
         if not service.stopped:
             say(f"{config.name}: estimating on {config.can.interface}:{config.can.channel}; Ctrl-C stops")
         return service.run(duration)

@@ -77,7 +77,7 @@ def simulate(
         loaded = configuration.load(config, settings, interface, channel)
     for path in {output, truth_path(output)} if output is not None else ():
         refuse_existing(path, [], force)
-    what = "simulating (the first run on a machine compiles for up to a minute)"
+    what = "simulating"
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:

@@ -133,7 +133,7 @@ def _run(loaded: Study, results: Results, jobs: int | None, drives: Path | None)
         return
     if len(missing) < total:
         say(f"{total - len(missing)} runs are there already, {len(missing)} are missing")
-    what = f"{len(missing)} drives (the first run on a machine compiles for up to a minute)"
+    what = f"{len(missing)} drives"
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:
