@@ -7,13 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from dctorque_can.logs.blf.file import BlfFrames
 from dctorque_can.logs.formats import checked_format
-from dctorque_can.logs.mcap.reader import McapFrames
-from dctorque_can.logs.python_can import PythonCanFrames, PythonCanTextFrames
-from dctorque_can.logs.text.asc import Asc
-from dctorque_can.logs.text.blocks import TextFrames
-from dctorque_can.logs.text.candump import Candump
 from dctorque_can.pipeline.frames import Frames
 
 
@@ -104,14 +98,21 @@ def open_log(path: Path | str) -> LogReader:
 
 
 def _source(path: Path, suffix: str, head: bytes) -> FrameSource:
+    """Return what reads one format; only that is imported."""
     if suffix == ".mcap":
+        from dctorque_can.logs.mcap.reader import McapFrames
+
         return McapFrames(path)
     if suffix == ".blf":
+        from dctorque_can.logs.blf.file import BlfFrames
+
         return BlfFrames(path)
-    if suffix == ".log":
-        return TextFrames(path, Candump())
-    if suffix == ".asc":
-        return TextFrames(path, Asc(head))
-    if suffix == ".mf4":
-        return PythonCanFrames(path)
-    return PythonCanTextFrames(path, suffix)
+    if suffix in (".log", ".asc"):
+        from dctorque_can.logs.text.asc import Asc
+        from dctorque_can.logs.text.blocks import TextFrames
+        from dctorque_can.logs.text.candump import Candump
+
+        return TextFrames(path, Candump() if suffix == ".log" else Asc(head))
+    from dctorque_can.logs.python_can import PythonCanFrames, PythonCanTextFrames
+
+    return PythonCanFrames(path) if suffix == ".mf4" else PythonCanTextFrames(path, suffix)

@@ -59,6 +59,17 @@ def test_replay_and_check_import_nothing_heavy(log: Path, tmp_path: Path) -> Non
     assert run((*HEAVY, "scipy.linalg", "scipy.special"), "check", "paper_car") == (0, [])
 
 
+def test_a_log_brings_the_reader_of_its_format_alone(log: Path, tmp_path: Path) -> None:
+    others = ("dctorque_can.logs.blf.file", "dctorque_can.logs.text.asc", "dctorque_can.logs.python_can")
+    assert run(others, "replay", log, "-o", tmp_path / "out.mcap") == (0, [])
+
+
+def test_what_is_compiled_is_loaded_without_a_compiler(log: Path, tmp_path: Path) -> None:
+    run((), "replay", log, "-o", tmp_path / "out.mcap")
+    compiler = ("numba.np.linalg", "numba.np.arraymath", "numba.cpython.unicode", "scipy.linalg")
+    assert run(compiler, "replay", log, "-f", "-o", tmp_path / "out.mcap") == (0, [])
+
+
 def test_the_heavy_ones_are_noticed(tmp_path: Path) -> None:
     code, found = run(HEAVY, "design", "paper_car", "-o", tmp_path / "plot.png")
     assert code == 0
