@@ -15,9 +15,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
-from numba import types
-from numba.core import sigutils
-from numba.extending import typeof_impl
 
 from dctorque_can.pipeline.samples import N_QUANTITIES
 
@@ -97,19 +94,22 @@ class _Chosen:
     def _of(self, args: Any) -> Any:
         return getattr(_IMPLEMENTED[args[0].instance_class], self._name)
 
+    @property
+    def _numba_type_(self) -> Any:
+        from numba import types  # the compiler is loaded when it is needed
+
+        return types.Dispatcher(cast(Any, self))
+
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Answer the compiler's question for the types of the result."""
         return self._of(args).get_call_template(args, kws)
 
     def get_overload(self, signature: Any) -> Any:
         """Answer the compiler's question for the machine code."""
+        from numba.core import sigutils
+
         normalized: Callable[[Any], Any] = sigutils.normalize_signature
         return self._of(normalized(signature)[0]).get_overload(signature)
-
-
-@typeof_impl.register(_Chosen)
-def _type_of(value: _Chosen, context: Any) -> types.Type:
-    return types.Dispatcher(cast(Any, value))
 
 
 def _chosen_by_type(description: F) -> F:
