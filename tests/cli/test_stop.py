@@ -23,6 +23,7 @@ from can.interfaces.virtual import VirtualBus
 
 class Wedged(VirtualBus):
     def _recv_internal(self, timeout):
+        print("within the driver", file=sys.stderr, flush=True)
         while True:
             ctypes.CDLL(None).sleep(1000)
 
@@ -119,7 +120,7 @@ def test_while_opening_blocks(run: Callable[..., Run]) -> None:
 
 def test_while_the_driver_does_not_return(run: Callable[..., Run]) -> None:
     daemon = run("-c", WEDGED)
-    daemon.read_until("estimating on")
+    daemon.read_until("within the driver")
     code, err = daemon.stop()
     assert code == 128 + signal.SIGTERM
     assert "does not return" in err
