@@ -184,7 +184,9 @@ class KalmanSection(Section):
     settling_time_s: Annotated[float, Field(ge=0.01, le=10)] = 0.2
     """For how long the driveline rings after a shift or a change of engine torque, s."""
     open_torque_nm: Annotated[float, Field(gt=0, le=100)] = 1.0
-    """Torque of an open clutch beside its viscous drag, N·m."""
+    """Torque of an open clutch beside its viscous drag, N·m. It lasts, so speeds do not make it surer."""
+    open_drag_error_nms_per_rad: Annotated[float, Field(ge=0, le=1)] = 0.02
+    """By how much that drag may lastingly be another than ``drag_nms_per_rad``, N·m·s/rad."""
     road_load_rate_nm_per_sqrt_s: Rate = 60.0
     """How fast grade, wind and load change at the wheel, N·m/√s."""
     held_load_rate_nm_per_sqrt_s: Rate = 3000.0

@@ -83,6 +83,47 @@ def carry_on(f: Any, step: Any, T_en: float, q: Noises) -> None:
     multiply_engine_again(f, step)
     multiply_rest(f, step, q)
     mirror(f)
+    carry_lasting(f, step)
+
+
+@compiled_without_allocation
+def carry_lasting(f: Any, step: Any) -> None:
+    """s ← F s of what the lasting error of an open clutch's drag has done to the state (`filter.FILTER`).
+
+    All columns up to those of GAIN are written out, so that a vector unit does several rows at once.
+    """
+    F, columns, b = step.phi, step.columns, step.input
+    for c in range(2):
+        if not f.lasts[c]:
+            continue
+        s = f.lasting[c]
+        T_en = f.per_error[0] * s[GAIN] + f.per_error[1] * s[LAG_1] + f.per_error[2] * s[LAG_2]
+        s_0, s_1, s_2, s_3, s_4, s_5 = s[0], s[1], s[2], s[3], s[4], s[5]
+        s_6, s_7, s_8, s_9, s_10, s_11 = s[6], s[7], s[8], s[9], s[10], s[11]
+        s_12, s_13, s_14, s_15, s_16, s_17 = s[12], s[13], s[14], s[15], s[16], s[17]
+        for i in range(COUPLED):
+            total = columns[0, i] * s_0 + columns[1, i] * s_1 + columns[2, i] * s_2 + columns[3, i] * s_3
+            total += columns[4, i] * s_4 + columns[5, i] * s_5 + columns[6, i] * s_6 + columns[7, i] * s_7
+            total += columns[8, i] * s_8 + columns[9, i] * s_9 + columns[10, i] * s_10 + columns[11, i] * s_11
+            total += columns[12, i] * s_12 + columns[13, i] * s_13 + columns[14, i] * s_14
+            total += columns[15, i] * s_15 + columns[16, i] * s_16 + columns[17, i] * s_17
+            f.h[i] = total + b[i] * T_en
+        for i in range(COUPLED):
+            f.lasting[c, i] = f.h[i]
+        s[T_C1] = F[T_C1, T_C1] * s_12 + F[T_C1, R_1] * s_14
+        s[T_C2] = F[T_C2, T_C2] * s_13 + F[T_C2, R_2] * s_15
+        for i in range(R_1, N):
+            s[i] *= F[i, i]
+
+
+@compiled_without_allocation
+def correct_lasting(f: Any, i: int) -> None:
+    """s ← s − K s_i: what a measurement of x_i that has just been weighed takes of it."""
+    for c in range(2):
+        if f.lasts[c]:
+            s_i = f.lasting[c, i]
+            for k in range(N):
+                f.lasting[c, k] -= f.K[k] * s_i
 
 
 @compiled_without_allocation

@@ -20,7 +20,8 @@ class KalmanDesign:
     steady_torque_rate_nm_per_s: float  # … of a locked one otherwise
     torque_rate_time_s: float  # for how long it keeps that rate
     settling_time_s: float  # in which the rate falls to the steady one
-    open_torque_nm: float  # of an open clutch around its drag
+    open_torque_nm: float  # of an open clutch around its drag; lasting
+    open_drag_error_nms_per_rad: float  # … and how it grows with the slip
     road_load_rate_nm_per_sqrt_s: float
     held_load_rate_nm_per_sqrt_s: float  # … when the car stops or brakes, while the brakes change
     tyre_torque_share: float  # of a clutch torque's rate at the wheel, what the tyres' torque does beside it

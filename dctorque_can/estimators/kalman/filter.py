@@ -65,6 +65,10 @@ FILTER = np.dtype(
         ("x", "f8", (N,)),
         ("P", "f8", (N, N)),
         # `arithmetic`; a product stands behind what it is made of, so that none needs a test for overlap
+        # s: what the lasting error of each open clutch's drag, of one standard deviation, did to the state;
+        # the covariance of all errors is P + Σ s sᵀ
+        ("lasting", "f8", (2, N)),
+        ("lasts", "u1", (2,)),  # whether it was open since the start
         ("next", "f8", (N,)),  # x of the step that is being made
         ("Q_engine", "f8", (len(ENGINE) * COUPLED,)),
         ("Q_car", "f8", (len(CAR) * COUPLED,)),
@@ -191,8 +195,9 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(4):
         f.recent_twist[i] = 0.0
     f.drives[0] = f.drives[1] = True
+    f.lasts[0] = f.lasts[1] = False
     for i in range(N):
-        f.rate[i] = 0.0
+        f.rate[i] = f.lasting[0, i] = f.lasting[1, i] = 0.0
     for i in range(_SENSORS):
         f.rejected[i] = 0
         f.accepted[i] = math.nan
@@ -248,17 +253,30 @@ def measure(f: Any, i: int, z: float, variance: float) -> None:
     """Take one measurement z of x_i."""
     e = z - f.x[i]
     S = arithmetic.take_measurement(f, i, e, variance)
+    arithmetic.correct_lasting(f, i)
     tape.measured(f, i, S, e)
 
 
 @compiled_without_allocation
-def measure_two(f: Any, i: int, z_i: float, variance_i: float, j: int, z_j: float, variance_j: float) -> None:
-    """Take a measurement of x_i and then one of x_j, which is another state; P is gone through once."""
-    e = z_i - f.x[i]
-    tape.measured(f, i, arithmetic.weigh(f, i, e, variance_i), e)
-    e = z_j - f.x[j]
-    tape.measured(f, j, arithmetic.weigh_second(f, i, j, e, variance_j), e)
-    arithmetic.take_both(f, i, j)
+def measure_open(f: Any, c: int, drag: float, variance: float, lasting: float, rate_variance: float) -> None:
+    """Take it that clutch c has its drag, and that its torque does not change; P is gone through once.
+
+    Said in each frame, that is as if a sensor measured it, whose noise has this variance. That the drag is another
+    one lasts, with a standard deviation ``lasting``: no frame makes it less. So gains ignore it, but the published
+    deviations do not. It is a "consider" parameter by its sensitivity s (Tapley, Schutz and Born, Statistical Orbit
+    Determination, 2004, chapter 6).
+    """
+    T, R = T_C1 + c, R_1 + c
+    e = drag - f.x[T]
+    tape.measured(f, T, arithmetic.weigh(f, T, e, variance), e)
+    arithmetic.correct_lasting(f, T)
+    for k in range(N):
+        f.lasting[c, k] += f.K[k] * lasting
+    f.lasts[c] = True
+    e = -f.x[R]
+    tape.measured(f, R, arithmetic.weigh_second(f, T, R, e, rate_variance), e)
+    arithmetic.correct_lasting(f, R)
+    arithmetic.take_both(f, T, R)
 
 
 @compiled_without_allocation
@@ -266,6 +284,7 @@ def forget(f: Any, i: int, value: float, variance: float) -> None:
     """Replace what is known of x_i by a value that has nothing to do with the rest."""
     tape.forgotten(f.tape, i)
     f.x[i] = value
+    f.lasting[0, i] = f.lasting[1, i] = 0.0
     for k in range(N):
         f.P[i, k] = 0.0
         f.P[k, i] = 0.0

@@ -10,7 +10,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman.filter import forget, measure, measure_two
+from dctorque_can.estimators.kalman.filter import forget, measure, measure_open
 from dctorque_can.estimators.kalman.model import (
     OUTPUT,
     R_1,
@@ -40,8 +40,15 @@ def apply_phases(f: Any, tuning: Any, open_1: bool, open_2: bool) -> None:
         if f.gear[i] == 0:
             measure(f, T_C1 + i, 0.0, _NEUTRAL_TRUST * tuning.neutral[i] ** 2)
         elif open_1 if i == 0 else open_2:
-            drag = tuning.drag[i] * (f.x[W_D] - f.x[W_C1 + i])
-            measure_two(f, T_C1 + i, drag, tuning.open_torque**2, R_1 + i, 0.0, tuning.rate[_OPEN] ** 2)
+            slip = f.x[W_D] - f.x[W_C1 + i]
+            lasting, rate = open_deviation(tuning, slip), tuning.rate[_OPEN]
+            measure_open(f, i, tuning.drag[i] * slip, tuning.open_torque**2, lasting, rate**2)
+
+
+@compiled_without_allocation
+def open_deviation(tuning: Any, slip: float) -> float:
+    """Return the standard deviation of an open clutch's torque around its drag, N·m."""
+    return math.sqrt(tuning.open_torque**2 + (tuning.drag_error * slip) ** 2)
 
 
 @compiled_without_allocation
@@ -120,18 +127,27 @@ def work_out_torques(f: Any, tables: Tables, tuning: Any) -> None:
 
 @compiled_without_allocation
 def work_out_deviations(f: Any, tables: Tables, tuning: Any) -> None:
-    """Work out what is known of the published torques."""
-    f.sigma_1, f.sigma_2 = math.sqrt(max(f.P[T_C1, T_C1], 0.0)), math.sqrt(max(f.P[T_C2, T_C2], 0.0))
-    product = f.sigma_1 * f.sigma_2
-    f.correlation = f.P[T_C1, T_C2] / product if product > 0.0 else 0.0
-    if f.gear[0] == 0:
-        f.sigma_1 = tuning.open_torque
-    if f.gear[1] == 0:
-        f.sigma_2 = tuning.open_torque
-    if f.gear[0] == 0 or f.gear[1] == 0:
-        f.correlation = 0.0
+    """Work out what is known of the published torques, errors that last included."""
+    variance_1, variance_2, product = f.P[T_C1, T_C1], f.P[T_C2, T_C2], f.P[T_C1, T_C2]
     variance = 0.0
     for i in OUTPUT:
         for j in OUTPUT:
             variance += tables.output[i] * tables.output[j] * f.P[i, j]
+    for c in range(2):
+        s, s_o = f.lasting[c], 0.0
+        variance_1 += s[T_C1] ** 2
+        variance_2 += s[T_C2] ** 2
+        product += s[T_C1] * s[T_C2]
+        for i in OUTPUT:
+            s_o += tables.output[i] * s[i]
+        variance += s_o**2
+    f.sigma_1, f.sigma_2 = math.sqrt(max(variance_1, 0.0)), math.sqrt(max(variance_2, 0.0))
     f.sigma_o = math.sqrt(max(variance, 0.0))
+    both = f.sigma_1 * f.sigma_2
+    f.correlation = product / both if both > 0.0 else 0.0
+    if f.gear[0] == 0:
+        f.sigma_1 = open_deviation(tuning, f.x[W_D] - f.x[W_C1])
+    if f.gear[1] == 0:
+        f.sigma_2 = open_deviation(tuning, f.x[W_D] - f.x[W_C1 + 1])
+    if f.gear[0] == 0 or f.gear[1] == 0:
+        f.correlation = 0.0

@@ -101,6 +101,7 @@ _OF_REST = 1, 2, 1, 2, 4, 5  # which one on T_C1, T_C2, R_1, R_2, T_V and DT_E
 STEP = np.dtype(
     [
         ("phi", "f8", (N, N)),  # F
+        ("columns", "f8", (N, COUPLED)),  # … of its first rows, one after the other
         ("input", "f8", (N,)),  # response to T_en
         # rows of Q, columns of `COUPLED` states: of what always acts, the rates of T_c1 and T_c2, ΔT_e
         ("noise_engine", "f8", (len(_OF_ENGINE), len(ENGINE) * COUPLED)),
@@ -296,7 +297,7 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
     steps = np.zeros((len(A), len(STEPS_US)), STEP)
     for step, (F, b, Q) in enumerate(discrete(A, B, intensity)):
         at = steps[:, step]
-        at["phi"], at["input"] = F, b
+        at["phi"], at["columns"], at["input"] = F, F[:, :COUPLED].transpose(0, 2, 1), b
         for n, k in enumerate(_OF_ENGINE):
             at["noise_engine"][:, n] = Q[k][:, ENGINE, :COUPLED].reshape(-1, len(ENGINE) * COUPLED)
         for n, k in enumerate(_OF_CAR):

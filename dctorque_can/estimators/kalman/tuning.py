@@ -29,7 +29,8 @@ TUNING = np.dtype(
         ("road_load", "f8"),  # N·m/√s
         ("held_load", "f8"),  # … when the car stops or brakes, while the brakes change
         ("open_torque", "f8"),  # N·m, of an open clutch around its drag
-        ("drag", "f8", (2,)),
+        ("drag", "f8", (2,)),  # N·m per rad/s of slip
+        ("drag_error", "f8"),  # … by how much it may be another
         ("speed_variance", "f8", (SPEEDS,)),  # of one sample: engine, input shafts, wheels FL, FR, RL, RR
         ("least_noise", "f8", (5,)),  # share of it that is always believed; both axles' wheels alike
         ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
@@ -86,6 +87,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["road_load"] = design.road_load_rate_nm_per_sqrt_s
     t["held_load"] = design.held_load_rate_nm_per_sqrt_s
     t["open_torque"] = design.open_torque_nm
+    t["drag_error"] = design.open_drag_error_nms_per_rad
     t["drag"] = [clutch.drag_nms_per_rad for clutch in vehicle.clutches]
     t["speed_variance"] = variances = speed_variances(design)
     rounding = [q**2 / 12.0 for q in design.speed_resolutions_rad_s]

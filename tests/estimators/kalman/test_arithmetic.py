@@ -71,23 +71,53 @@ def test_a_measurement_is_the_textbook_s_in_joseph_s_form(i, share):
     np.testing.assert_allclose(f["P"][i], P[i] * variance / S, rtol=1e-14)  # no small difference of large numbers
 
 
-@pytest.mark.parametrize(("i", "j"), [(State.T_C1, State.R_1), (State.R_2, State.T_C2), (State.W_E, State.LAG_2)])
+@pytest.mark.parametrize("clutch", [0, 1])
 @pytest.mark.parametrize("share", [1e-6, 1.0, 1e6], ids=["sure", "as the state", "vague"])
-def test_two_measurements_at_once_are_one_after_the_other(i, j, share):
+def test_drag_and_rate_of_an_open_clutch_are_one_measurement_after_the_other(clutch, share):
     k = new_filter("paper_car")
     f, other = k.state[0], k.state.copy()[0]
     fill(f, np.random.default_rng(8))
     other["x"][:], other["P"][:] = f["x"], f["P"]
-    P, z = f["P"].copy(), f["x"] + SIZES
-    for state in (i, j):
-        kalman.measure(other, state, z[state], share * P[state, state])
-    kalman.measure_two(f, i, z[i], share * P[i, i], j, z[j], share * P[j, j])
+    i, j = State.T_C1 + clutch, State.R_1 + clutch
+    P, drag = f["P"].copy(), f["x"][i] + SIZES[i]
+    kalman.measure(other, i, drag, share * P[i, i])
+    kalman.measure(other, j, 0.0, share * P[j, j])
+    kalman.measure_open(f, clutch, drag, share * P[i, i], 1.0, share * P[j, j])
     np.testing.assert_allclose(f["x"], other["x"], rtol=1e-11)
     np.testing.assert_allclose(f["K"], other["K"], rtol=1e-9, atol=1e-12 * np.abs(other["K"]).max())
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
     np.testing.assert_allclose(f["P"] / size, other["P"] / size, rtol=0.0, atol=1e-12)
     np.testing.assert_array_equal(f["P"], f["P"].T)
     np.testing.assert_allclose(f["P"][j], other["P"][j], rtol=1e-9, atol=1e-14 * size[j].max() * share)
+
+
+def test_a_drag_that_is_lastingly_another_moves_the_state_as_its_sensitivity_says():
+    """Two filters, one told 3 N·m more drag in every frame: their states differ by three times the sensitivity."""
+    told, other = (new_filter("paper_car") for _ in range(2))
+    random = np.random.default_rng(9)
+    states = [k.state[0] for k in (told, other)]
+    for f in states:
+        fill(f, np.random.default_rng(8))
+        f["lasting"][:] = 0.0
+        f["per_error"][:] = (3.0, 40.0, -20.0)
+    for n in range(300):  # first and second gear, losses either way
+        step = told.tables.steps[told.tables.row[2, 3] + n // 100, n % 3]
+        z = states[0]["x"] + SIZES * random.standard_normal(N)
+        for f, error in zip(states, (0.0, 3.0), strict=True):
+            arithmetic.carry_on(f, step, TORQUE, FACTORS)
+            f["x"][:] = f["next"]
+            kalman.measure_open(f, 1, 0.5 + error, 1.0, 1.0, 100.0)
+            for state in (State.W_E, State.W_C1, State.W_B):
+                kalman.measure(f, state, z[state], 0.01)
+            if n == 150:
+                kalman.forget(f, State.W_C2, 7.0, 1e4)
+        difference = states[1]["x"] - states[0]["x"]
+        sensitivity = states[0]["lasting"][1]
+        size = np.abs(states[0]["x"]).max()
+        np.testing.assert_allclose(difference, 3.0 * sensitivity, rtol=1e-6, atol=1e-9 * size)
+    assert states[0]["lasting"][1, State.T_C2] > 0.5
+    assert abs(states[0]["lasting"][1, State.T_C1]) > 0.1
+    np.testing.assert_array_equal(states[0]["lasting"][0], 0.0)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +137,7 @@ def test_the_covariance_stays_one_however_extreme_the_noises_are(noise, variance
         f["x"][:] = f["next"]
         kalman.measure(f, speeds[n % 5], f["x"][speeds[n % 5]], variance)
         if n % 3 == 0:
-            kalman.measure_two(f, State.T_C1, 0.0, variance, State.R_1, 0.0, variance)
+            kalman.measure_open(f, 0, 0.0, variance, 1.0, variance)
         if n % 100 == 99:
             np.testing.assert_array_equal(f["P"], f["P"].T)
             sigma = np.sqrt(np.diag(f["P"]))

@@ -378,5 +378,7 @@ def test_neutral_publishes_drag_alone(tables):
     gearbox.work_out_torques(f, k.tables, k.tuning[0])
     gearbox.work_out_deviations(f, k.tables, k.tuning[0])
     assert f["T_c1"] == pytest.approx(VEHICLE.clutches[0].drag_nms_per_rad * 50.0)
-    assert f["sigma_1"] == DESIGN.open_torque_nm
+    assert f["sigma_1"] == pytest.approx(
+        np.hypot(DESIGN.open_torque_nm, DESIGN.open_drag_error_nms_per_rad * 50.0)
+    )
     assert f["correlation"] == 0.0
