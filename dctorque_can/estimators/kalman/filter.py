@@ -263,7 +263,7 @@ def measure_open(f: Any, c: int, drag: float, variance: float, lasting: float, r
 
     Said in each frame, that is as if a sensor measured it, whose noise has this variance. That the drag is another
     one lasts, with a standard deviation ``lasting``: no frame makes it less. So gains ignore it, but the published
-    deviations do not. It is a "consider" parameter by its sensitivity s (Tapley, Schutz and Born, Statistical Orbit
+    deviations do not. It is a "consider" parameter by its sensitivity s (Tapley, Schutz, Born, Statistical Orbit
     Determination, 2004, chapter 6).
     """
     T, R = T_C1 + c, R_1 + c
