@@ -213,6 +213,8 @@ class KalmanSection(Section):
     """What engine and input shafts do beside the model, rad/s/√s."""
     synchroniser_rad_s2: Annotated[float, Field(gt=0, le=1e5)] = 500.0
     """Acceleration that a synchroniser gives to an input shaft in neutral, rad/s²."""
+    synchroniser_torque_nm: Annotated[float, Field(ge=0, le=1000)] = 40.0
+    """Largest torque of a synchroniser at its shaft, N·m: it may begin at any time while that is in neutral."""
     acceleration_error_m_s2: Annotated[float, Field(gt=0, le=10)] = 0.3
     """Lasting error of inputs.acceleration, with the pitch of the body, m/s²."""
     grade_error_rad: Annotated[float, Field(gt=0, le=0.5)] = 0.02

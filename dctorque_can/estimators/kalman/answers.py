@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.estimators.inputs import phases_known
+from dctorque_can.estimators.inputs import phase_of, phases_known
 from dctorque_can.estimators.kalman import gearbox, tape
 from dctorque_can.estimators.kalman.engine import torque_error
 from dctorque_can.estimators.kalman.filter import Kalman
@@ -29,6 +29,7 @@ def conclude(k: Kalman, inputs: Any, answer: Any, row: Any) -> int:
     f = k.state[0]
     if f.started:
         gearbox.work_out_deviations(f, k.tables, k.tuning[0])
+        gearbox.admit_synchronisers(f, k.tuning[0], phase_of(inputs, 0), phase_of(inputs, 1))
     tape.published(f, k.tables, k.tuning[0])
     row.clutch1_torque_nm, row.clutch2_torque_nm, row.output_torque_nm = f.T_c1, f.T_c2, f.T_o
     row.clutch1_sigma_nm, row.clutch2_sigma_nm, row.output_sigma_nm = f.sigma_1, f.sigma_2, f.sigma_o

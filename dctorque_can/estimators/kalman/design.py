@@ -35,6 +35,7 @@ class KalmanDesign:
     engine_torque_error_time_s: float  # for how long it lasts
     unmodelled_rad_s_per_sqrt_s: float  # what engine and shafts do beside the model
     synchroniser_rad_s2: float  # acceleration of a shaft in neutral
+    synchroniser_torque_nm: float  # largest, at the shaft
     acceleration_error_m_s2: float  # lasting, of the accelerometer and the pitch of the body
     grade_error_rad: float  # lasting
     command_error_share: float | None  # of the commanded clutch torque, where it is to be used

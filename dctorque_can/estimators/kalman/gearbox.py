@@ -151,3 +151,24 @@ def work_out_deviations(f: Any, tables: Tables, tuning: Any) -> None:
         f.sigma_2 = open_deviation(tuning, f.x[W_D] - f.x[W_C1 + 1])
     if f.gear[0] == 0 or f.gear[1] == 0:
         f.correlation = 0.0
+
+
+@compiled_without_allocation
+def admit_synchronisers(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
+    """Let what is published be as uncertain as a synchroniser makes it that may begin to pull at any moment.
+
+    It pulls within milliseconds, a locked clutch on the other shaft and the output shaft carry it at once, and no
+    signal says when. The speeds show it 10 to 20 ms later; until then the estimate is off by that torque.
+    """
+    for i in range(2):
+        if f.gear[i] != 0:
+            continue
+        at_wheel = tuning.synchroniser_torque * tuning.synchroniser_ratio[i]
+        f.sigma_o = math.hypot(f.sigma_o, at_wheel)
+        gear = f.gear[1 - i]
+        if gear != 0 and (phase_2 if i == 0 else phase_1) == _LOCKED:
+            jump = at_wheel / abs(tuning.ratio[1 - i, gear + 1])
+            if i == 0:
+                f.sigma_2 = math.hypot(f.sigma_2, jump)
+            else:
+                f.sigma_1 = math.hypot(f.sigma_1, jump)

@@ -59,6 +59,7 @@ TUNING = np.dtype(
         ("fastest_engine", "f8"),  # rad/s², both clutches at their capacity
         ("ratio", "f8", (2, GEARS)),  # total, by shaft and gear number + 1
         ("synchroniser_ratio", "f8", (2,)),  # mean of each shaft's gears
+        ("synchroniser_torque", "f8"),  # N·m, standard deviation of one that may or may not pull
         ("loss_span", "f8", (2, GEARS)),  # by how much the ratio of torques differs between driving and driven
         ("transfer_twist", "f8", (2, GEARS)),  # rad in the transfer shaft per N·m of output torque
         ("output_twist", "f8"),  # … in the output shaft
@@ -122,6 +123,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     )
     for i in range(2):
         t["synchroniser_ratio"][0, i] = np.mean([abs(gear.total_ratio) for gear in vehicle.gears_on(i + 1)])
+    t["synchroniser_torque"] = design.synchroniser_torque_nm / math.sqrt(12.0)  # anything from none to all
     t["output_twist"] = 1.0 / vehicle.output_shaft.stiffness_nm_per_rad
     for i, shaft in enumerate(vehicle.shafts):
         for gear in vehicle.gears_on(i + 1):

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from dctorque_can.config.load import load_config
+from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman import engine, faults, gearbox
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman import noise as kalman_noise
@@ -382,3 +383,26 @@ def test_neutral_publishes_drag_alone(tables):
         np.hypot(DESIGN.open_torque_nm, DESIGN.open_drag_error_nms_per_rad * 50.0)
     )
     assert f["correlation"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("gears", "phases"), [((0, 2), (0, 2)), ((0, 2), (0, 1)), ((1, 0), (2, 0)), ((1, 2), (2, 0))]
+)
+def test_a_synchroniser_may_pull_at_any_moment(tables, gears, phases):
+    """On the output shaft by its ratio, and on a clutch beside it that is locked: anything from none to all."""
+    k = new_filter(tables)
+    f, tuning = k.state[0], k.tuning[0]
+    gearbox.change_gears(f, tuning, *gears)
+    gearbox.work_out_deviations(f, k.tables, tuning)
+    before = np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]])
+    gearbox.admit_synchronisers(f, tuning, *phases)
+    added = np.sqrt(np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]]) ** 2 - before**2)
+    expected = np.zeros(3)
+    if 0 in gears:
+        shaft = gears.index(0)
+        spread = DESIGN.synchroniser_torque_nm / np.sqrt(12.0)  # of a uniform distribution
+        expected[2] = spread * np.mean([abs(gear.total_ratio) for gear in VEHICLE.gears_on(shaft + 1)])
+        if phases[1 - shaft] == ClutchPhase.LOCKED:
+            (gear,) = (gear for gear in VEHICLE.gears_on(2 - shaft) if gear.number == gears[1 - shaft])
+            expected[1 - shaft] = expected[2] / abs(gear.total_ratio)
+    np.testing.assert_allclose(added, expected, rtol=1e-9, atol=1e-6)
