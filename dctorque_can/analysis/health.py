@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.analysis.consistency import nis
-from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.samples import Input, Quantity
 
-_BOTH_VALID = np.uint32(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID)
 _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
 
@@ -37,13 +35,8 @@ def never_received(inputs: Sequence[Input], health: NDArray[np.void]) -> list[st
     return [entry.quantity.name.lower() for entry in inputs if not accepted[entry.quantity]]
 
 
-def count_valid(rows: NDArray[np.void]) -> int:
-    """Return how many `ESTIMATE` rows have both clutch torques valid."""
-    return int(np.count_nonzero((rows["status"] & _BOTH_VALID) == _BOTH_VALID))
-
-
 def doubts(missing: Sequence[str], estimates: int, valid: int) -> list[str]:
-    """Return warnings, one line each, for the results of `never_received` and `count_valid`."""
+    """Return warnings, one line each, for the result of `never_received` and how many estimates are valid."""
     lines = []
     if missing:
         lines.append(f"never received a usable value of: {', '.join(missing)} (see `dctorque check`)")

@@ -65,6 +65,7 @@ def replay(
     with ExitStack() as stack:
         with activity("loading", show=STDERR.is_terminal):
             from dctorque_can.analysis.health import doubts
+            from dctorque_can.analysis.status_shares import told
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
@@ -92,6 +93,8 @@ def replay(
             f"{result.estimates} {'smoothed ' if smooth else ''}estimates, "
             f"{result.valid_estimates} with valid clutch torques" + (f", in {output}" if output else "")
         )
+        for line in told(result.status) if result.estimates else ():
+            say(line)
         if result.health["nis"]:
             sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())
             say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")

@@ -118,12 +118,16 @@ def _tell(is_error: bool, text: str) -> None:
 
 
 def _show(summary: Summary) -> None:
+    from dctorque_can.analysis.status_shares import told
+
     link, log = summary.link, summary.log
     say(
         f"{summary.seconds:.1f} s: {summary.frames} frames in, {summary.estimates} estimates, "
         f"{summary.published} frames out"
         + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
     )
+    for line in told(summary.status) if summary.estimates else ():
+        say(line)
     if link.lost or link.send_failures or link.error_frames or link.damaged or link.dropped:
         say(
             f"bus: lost {link.lost} times, back {link.reconnects} times, {link.error_frames} error frames, "

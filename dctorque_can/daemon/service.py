@@ -12,7 +12,8 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.analysis.health import count_valid, health_counts, never_received
+from dctorque_can.analysis.health import health_counts, never_received
+from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config
@@ -45,6 +46,7 @@ class Summary:
         frames: received.
         estimates: given.
         valid_estimates: of these, with both clutch torques valid.
+        status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
         never_received: mapped inputs of which no usable value came.
         published: frames sent.
         refused_ids: identifiers that someone else uses.
@@ -59,6 +61,7 @@ class Summary:
     frames: int
     estimates: int
     valid_estimates: int
+    status: dict[str, float]
     never_received: list[str]
     published: int
     refused_ids: list[int]
@@ -121,8 +124,7 @@ class Service:
         self.finishing = False
         self._rotate = False
         self._t_us: int | None = None
-        self._estimates = 0
-        self._valid_estimates = 0
+        self._status = StatusShares()
 
     def stop(self) -> None:
         """Ask the service to end; may be called from a signal handler or another thread."""
@@ -209,8 +211,7 @@ class Service:
             self._publisher.hear(frames)
         estimates = self._chain.feed(frames)
         if len(estimates):
-            self._estimates += len(estimates)
-            self._valid_estimates += count_valid(estimates.rows)
+            self._status.count(estimates.rows["status"])
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
             sent = self._publisher.publish(estimates.rows)
@@ -270,8 +271,9 @@ class Service:
             seconds=round(seconds, 3),
             cpu_share=round(cpu_s / seconds, 4) if seconds >= SHARE_S else None,
             frames=self.received,
-            estimates=self._estimates,
-            valid_estimates=self._valid_estimates,
+            estimates=self._status.estimates,
+            valid_estimates=self._status.having(BOTH_CLUTCHES),
+            status=self._status.as_json(),
             never_received=never_received(self._config.inputs, self._chain.health),
             published=self._link.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.comparison import Comparison, judge, shift_windows
 from dctorque_can.analysis.consistency import Nis, nis
-from dctorque_can.analysis.health import count_valid, doubts, never_received
+from dctorque_can.analysis.health import doubts, never_received
+from dctorque_can.analysis.status_shares import count_valid
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.driveline.parameters import Vehicle

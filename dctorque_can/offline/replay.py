@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.analysis.errors import ErrorFigures, compare
-from dctorque_can.analysis.health import count_valid, health_counts, never_received
+from dctorque_can.analysis.health import health_counts, never_received
+from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
@@ -70,6 +71,7 @@ class ReplayResult:
         estimates: given.
         smoothed: whether these are smoothed.
         valid_estimates: of these, with both clutch torques valid.
+        status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
         never_received: mapped inputs of which no usable value came.
         seconds: from opening to the closed result.
         bus_seconds: time that the frames span; a step back of the clock takes nothing away.
@@ -83,6 +85,7 @@ class ReplayResult:
     estimates: int
     smoothed: bool
     valid_estimates: int
+    status: dict[str, float]
     never_received: list[str]
     seconds: float
     bus_seconds: float
@@ -172,9 +175,10 @@ def replay_logs(
     return ReplayResult(
         output=targets.log,
         frames=replay.frames,
-        estimates=replay.estimates,
+        estimates=replay.status.estimates,
         smoothed=content.smooth,
-        valid_estimates=replay.valid_estimates,
+        valid_estimates=replay.status.having(BOTH_CLUTCHES),
+        status=replay.status.as_json(),
         never_received=replay.never_received,
         seconds=round(time.monotonic() - began_s, 3),
         bus_seconds=replay.time.seconds,
@@ -189,8 +193,7 @@ class _Replay:
 
     def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
         self.frames = 0
-        self.estimates = 0
-        self.valid_estimates = 0
+        self.status = StatusShares()
         self.time = TrafficTime()
         self._config = config
         self._content = content
@@ -240,8 +243,7 @@ class _Replay:
             rows = rows[n:]
 
     def _give(self, frames: Frames, estimates: Estimates) -> None:
-        self.estimates += len(estimates)
-        self.valid_estimates += count_valid(estimates.rows)
+        self.status.count(estimates.rows["status"])
         if self._content.truth:
             self._rows.append(estimates.rows)
         if self._log is not None:

@@ -1,0 +1,71 @@
+"""For which share of all estimates each torque was valid, and something was wrong: counted as they come."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dctorque_can.pipeline.estimates import Status
+
+TORQUES = {
+    "clutch 1": Status.CLUTCH1_VALID,
+    "clutch 2": Status.CLUTCH2_VALID,
+    "output": Status.OUTPUT_VALID,
+}
+FAULTS = (
+    *(Status.INPUT_STALE, Status.SPEED_IMPLAUSIBLE, Status.LIMITED),
+    *(Status.ENGINE_SPEED_FAULT, Status.SHAFT1_SPEED_FAULT, Status.SHAFT2_SPEED_FAULT),
+    *(Status.DRIVEN_WHEELS_FAULT, Status.UNDRIVEN_WHEELS_FAULT, Status.ENGINE_TORQUE_FAULT),
+)
+"""Bits of the status that say that something is wrong."""
+BOTH_CLUTCHES = Status.CLUTCH1_VALID | Status.CLUTCH2_VALID
+WORTH_TELLING = 0.01
+_FEW = 64  # estimates, as they come live: to sort them takes longer than to count them
+
+
+class StatusShares:
+    """Counts how often each status was given. Estimates come at even times, so shares are those of time."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[int] = Counter()
+
+    def count(self, status: NDArray[np.uint32]) -> None:
+        """Count the status ``[n]`` of some estimates."""
+        if len(status) <= _FEW:
+            self._counts.update(status.tolist())
+            return
+        values, counts = np.unique(status, return_counts=True)
+        self._counts.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+
+    @property
+    def estimates(self) -> int:
+        """How many were counted."""
+        return self._counts.total()
+
+    def having(self, bits: int) -> int:
+        """Return how many estimates have all of the bits."""
+        return sum(n for value, n in self._counts.items() if value & bits == bits)
+
+    def share(self, bit: Status) -> float:
+        """Return the share of estimates with a bit, 0…1; 0 without any estimate."""
+        return self.having(bit) / self.estimates if self._counts else 0.0
+
+    def as_json(self) -> dict[str, float]:
+        """Return all shares by the names of the bits."""
+        return {str(bit.name).lower(): round(self.share(bit), 6) for bit in (*TORQUES.values(), *FAULTS)}
+
+
+def count_valid(rows: NDArray[np.void]) -> int:
+    """Return how many `ESTIMATE` rows have both clutch torques valid."""
+    return int(np.count_nonzero((rows["status"] & np.uint32(BOTH_CLUTCHES)) == np.uint32(BOTH_CLUTCHES)))
+
+
+def told(shares: dict[str, float]) -> list[str]:
+    """Return what `StatusShares.as_json` gave, for people: the faults only if they are worth it."""
+    valid = ", ".join(f"{name} {100 * shares[str(bit.name).lower()]:.1f} %" for name, bit in TORQUES.items())
+    faults = {str(bit.name).lower(): shares[str(bit.name).lower()] for bit in FAULTS}
+    worth = {name.replace("_", " "): share for name, share in faults.items() if share > WORTH_TELLING}
+    wrong = [f"{name} {100 * share:.0f} %" for name, share in worth.items()]
+    return [f"valid estimates: {valid}", *([f"share of time with: {', '.join(wrong)}"] if wrong else [])]
