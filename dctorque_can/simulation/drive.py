@@ -144,18 +144,18 @@ def simulate(
     for number in numbers[1:]:
         if vehicle.gear(number).shaft == vehicle.gear(number - 1).shaft:
             raise DctorqueError(f"simulation needs neighbouring gears on different shafts: {number - 1}, {number}")
-    asked = {round(value) for _, value in drive.lever} - {AUTOMATIC, NEUTRAL}
-    if missing := asked - {gear.number for gear in vehicle.gears}:
+    n = round(drive.duration_s * 1000) + 1
+    t = np.arange(n) / 1000.0
+    lever = np.rint(_sampled(drive.lever, t)).astype(np.int64)
+    missing = set(np.unique(lever).tolist()) - {AUTOMATIC, NEUTRAL} - {gear.number for gear in vehicle.gears}
+    if missing:
         names = ", ".join("reverse" if number == REVERSE else str(number) for number in sorted(missing))
         raise DctorqueError(f"drive {drive.name} needs gears that the vehicle does not have: {names}")
     p = parameters(vehicle, powertrain, drive.payload_kg)
-    n = round(drive.duration_s * 1000) + 1
-    t = np.arange(n) / 1000.0
     speed = _sampled(drive.speed_m_s, t) if drive.speed_m_s else np.full(n, -1.0)
     rows = np.zeros(n, TRUTH)
     pedal, brake, grade = (_sampled(k, t) for k in (drive.pedal, drive.brake_n, drive.grade_rad))
-    friction, lever = _sampled(drive.friction, t), np.rint(_sampled(drive.lever, t)).astype(np.int64)
-    engine = _sampled(drive.engine, t) > 0.5
+    friction, engine = _sampled(drive.friction, t), _sampled(drive.engine, t) > 0.5
     state = new_state(p)
     control = state[5]
     control["creeps"], control["holder"] = drive.creeps, drive.hill_holder

@@ -90,6 +90,22 @@ def test_road_load_opposes_motion_in_both_directions(avante_vehicle: Vehicle, na
     )
 
 
+def test_a_brake_stops_a_car_that_rolls_back_and_holds_it(car: Vehicle) -> None:
+    """On the slope brake and rolling resistance point uphill, then just hold what the slope pulls."""
+    back = replace(MANOEUVRES["roll_back"](car), duration_s=5.0, pedal=((0.0, 0.0),))
+    truth = simulate(
+        car, replace(back, brake_n=((0.0, 6000.0), (1.0, 6000.0), (1.2, 0.0), (2.5, 0.0), (2.6, 4000.0)))
+    )
+    v, t = speed(truth, car), seconds(truth)
+    assert v[t == 2.5][0] < -0.8
+    stopping = (t > 2.65) & (v < -0.1)
+    assert np.all(np.diff(v[stopping]) > 0.0)
+    assert np.abs(v[t > 4.0]).max() < 1e-9
+    assert v.max() < 0.02
+    held = part(truth, 4.8, 5.0)
+    np.testing.assert_allclose(held["road_load_nm"], held["output_torque_nm"], atol=0.5)
+
+
 def test_creep(car: Vehicle) -> None:
     truth = driven(car, "creep")
     v = speed(truth, car)
