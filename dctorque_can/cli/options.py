@@ -35,8 +35,30 @@ ChannelOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", "-f", help="Overwrite the output if it exists.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the summary as one JSON object on stdout.")]
 DriveChoice = Annotated[
-    Literal["paper", "mixed"],
-    typer.Option("--drive", help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 180 s."),
+    Literal[
+        "paper",
+        "mixed",
+        "creep",
+        "roll_back",
+        "hill_hold",
+        "braked_coast_down",
+        "hard_braking",
+        "kick_down",
+        "reverse",
+        "sailing",
+        "stop_start",
+        "wheel_spin",
+    ],
+    typer.Option(
+        "--drive",
+        help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 180 s. Others: a manoeuvre.",
+    ),
+]
+UnsignedChoice = Annotated[
+    Literal["none", "wheels", "shafts", "all"],
+    typer.Option(
+        "--unsigned", help="Speeds sent as their magnitude, without sign: of wheels, input shafts or all."
+    ),
 ]
 ProfileChoice = Annotated[
     Literal["laboratory", "production", "inertial"],
@@ -53,7 +75,7 @@ DurationOption = Annotated[
         "--duration",
         metavar="SECONDS",
         min=1.0,
-        help="Length of the drive.  [default: 16 or 360]",
+        help="Length of the drive.  [default: 16, of mixed 360, of a manoeuvre its own]",
         show_default=False,
     ),
 ]

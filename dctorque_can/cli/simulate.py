@@ -21,6 +21,7 @@ from dctorque_can.cli.options import (
     SeedOption,
     SetOption,
     SpeedOption,
+    UnsignedChoice,
 )
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def simulate(
     speed: SpeedOption = 1.0,
     drive: DriveChoice = "paper",
     profile: ProfileChoice = "production",
+    unsigned: UnsignedChoice = "none",
     seed: SeedOption = 1,
     duration: DurationOption = None,
     force: ForceOption = False,
@@ -69,6 +71,7 @@ def simulate(
         from dctorque_can.offline.simulated_car import (
             DriveName,
             ProfileName,
+            Unsigned,
             simulate_car,
             write_log,
         )
@@ -81,7 +84,9 @@ def simulate(
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:
-        simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration, progress)
+        simulated = simulate_car(
+            loaded, DriveName(drive), ProfileName(profile), seed, duration, progress, Unsigned(unsigned)
+        )
     result: dict[str, Any] = {"frames": len(simulated.frames), "seconds": simulated.seconds}
     if output is not None:
         with activity(f"writing {output}", show=STDERR.is_terminal):

@@ -18,7 +18,15 @@ from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.offline.truth_log import shifted, truth_path, write_truth
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
-from dctorque_can.simulation.sensors import INERTIAL, LABORATORY, PRODUCTION, SensorProfile, emit_frames
+from dctorque_can.simulation.manoeuvres import MANOEUVRES
+from dctorque_can.simulation.sensors import (
+    INERTIAL,
+    LABORATORY,
+    PRODUCTION,
+    SensorProfile,
+    Speeds,
+    emit_frames,
+)
 
 START_US = 1_704_067_200_000_000  # 2024-01-01T00:00:00Z: the same seed gives the same file
 MIXED_S = 360.0
@@ -36,6 +44,16 @@ class DriveName(StrEnum):
 
     PAPER = "paper"
     MIXED = "mixed"
+    CREEP = "creep"
+    ROLL_BACK = "roll_back"
+    HILL_HOLD = "hill_hold"
+    BRAKED_COAST_DOWN = "braked_coast_down"
+    HARD_BRAKING = "hard_braking"
+    KICK_DOWN = "kick_down"
+    REVERSE = "reverse"
+    SAILING = "sailing"
+    STOP_START = "stop_start"
+    WHEEL_SPIN = "wheel_spin"
 
 
 class ProfileName(StrEnum):
@@ -46,6 +64,21 @@ class ProfileName(StrEnum):
     INERTIAL = "inertial"
 
 
+class Unsigned(StrEnum):
+    """Which speeds the car sends without their sign."""
+
+    NONE = "none"
+    WHEELS = "wheels"
+    SHAFTS = "shafts"
+    ALL = "all"
+
+
+_UNSIGNED: dict[Unsigned, frozenset[Speeds]] = {
+    Unsigned.NONE: frozenset(),
+    Unsigned.WHEELS: frozenset({"wheels"}),
+    Unsigned.SHAFTS: frozenset({"shafts"}),
+    Unsigned.ALL: frozenset({"wheels", "shafts"}),
+}
 _PROFILES = {
     ProfileName.LABORATORY: LABORATORY,
     ProfileName.PRODUCTION: PRODUCTION,
@@ -82,6 +115,7 @@ def simulate_car(
     seed: int,
     duration_s: float | None,
     progress: Callable[[float], None] = lambda fraction: None,
+    unsigned: Unsigned = Unsigned.NONE,
 ) -> SimulatedDrive:
     """Simulate a drive of the vehicle of ``config`` with the messages of demo_car.dbc.
 
@@ -90,9 +124,11 @@ def simulate_car(
     """
     vehicle = config.settings.vehicle
     truth = simulate(vehicle, drive_of(config, drive, seed, duration_s), progress=progress)
-    sensors = sensors_of(config, profile, seed)
+    sensors = replace(sensors_of(config, profile, seed), unsigned=_UNSIGNED[unsigned])
     frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
     name = f"{drive} drive, {profile} signals, seed {seed}"
+    if unsigned is not Unsigned.NONE:
+        name += f", unsigned {unsigned}"
     return SimulatedDrive(frames, shifted(truth, START_US), name, vehicle)
 
 
@@ -149,9 +185,11 @@ def drive_of(config: Config, name: DriveName, seed: int, duration_s: float | Non
     Raises:
         DctorqueError: it is too short.
     """
+    vehicle = config.settings.vehicle
     if name is DriveName.MIXED:
-        return mixed_drive(config.settings.vehicle, seed, duration_s or MIXED_S)
-    return PAPER if duration_s is None else replace(PAPER, duration_s=duration_s)
+        return mixed_drive(vehicle, seed, duration_s or MIXED_S)
+    drive = PAPER if name is DriveName.PAPER else MANOEUVRES[name](vehicle)
+    return drive if duration_s is None else replace(drive, duration_s=duration_s)
 
 
 def sensors_of(config: Config, profile: ProfileName, seed: int) -> SensorProfile:

@@ -1,4 +1,4 @@
-"""Gearbox control: launch, preselection, power-on and power-off shifts, coasting to a stop.
+"""Gearbox control: launch, creep, preselection, power-on and power-off shifts, coasting to a stop, sailing.
 
 It decides once a millisecond and sees the true speeds: the control is scenery here, not the subject. A shift
 has a torque phase (the clutches overlap, the load changes hands) and an inertia phase (the engine follows a
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dctorque_can.compiled import compiled
-from dctorque_can.simulation.engine import closed, driver_demand, full_load, with_idle_control
+from dctorque_can.simulation.engine import CRANKED, closed, driver_demand, full_load, starter, with_idle_control
 from dctorque_can.simulation.mechanism import STUCK
 from dctorque_can.simulation.powertrain import Parameters
 
@@ -23,7 +23,7 @@ from dctorque_can.simulation.powertrain import Parameters
 class ControlState(IntEnum):
     """What the gearbox control is doing."""
 
-    OPEN = 0  # both clutches open: standing, or rolling to a stop
+    OPEN = 0  # no clutch closed: standing, creeping, sailing, or rolling to a stop
     LAUNCH = 1
     DRIVE = 2
     FILL = 3  # a shift is decided: its gear goes in, its clutch to the kissing point
@@ -32,6 +32,9 @@ class ControlState(IntEnum):
 
 
 OPEN, LAUNCH, DRIVE, FILL, TORQUE, INERTIA = (int(state) for state in ControlState)
+
+AUTOMATIC, REVERSE, NEUTRAL = 0, -1, -2
+"""Positions of the lever; a number from 1 on is a forward gear chosen by hand."""
 
 CONTROL = np.dtype(
     [
@@ -53,6 +56,10 @@ CONTROL = np.dtype(
         ("wish_rate", "f8"),  # N·m/s, filtered
         ("preselect", "i8"),  # gear wanted on the idle shaft
         ("preselect_wait", "f8"),
+        ("lever", "i8"),
+        ("creeps", "bool"),  # the clutch pulls at rest when neither pedal is pressed
+        ("holder", "bool"),  # there is a hill holder
+        ("engine_on", "bool"),  # off: no fuel, and the engine turns until its drag has stopped it
         # Outputs
         ("engine_command", "f8"),
         ("capacity", "f8", (2,)),  # N·m
@@ -71,6 +78,8 @@ _OPEN_SPEED = 1000 * np.pi / 30  # coasting below this input speed opens the clu
 _PRESELECT_DELAY = 0.3
 _SHIFT_PAUSE = 0.6
 _HOLD_SPEED = 0.3  # m/s
+_CREEP_TORQUE = 30.0  # N·m
+_CREEP_SHARES = (0.6, 0.9)  # of idle speed: input speeds between which the creep torque goes away
 _HOLD = 0.4  # braking force of the hill holder per weight
 
 
@@ -94,7 +103,13 @@ def _up_shift_speed(p: Parameters, gear: int, pedal: float) -> float:
 
 
 @compiled
-def _wanted_gear(p: Parameters, gear: int, pedal: float, v: float) -> int:
+def _wanted_gear(p: Parameters, lever: int, gear: int, pedal: float, v: float) -> int:
+    if gear < 0:
+        return gear
+    if lever > 0:  # a gear on the same shaft is reached over the one between
+        if lever == gear or p.gear_shaft[lever] != p.gear_shaft[gear]:
+            return lever
+        return gear + 1 if lever > gear else gear - 1
     if gear < p.n_gears and v > _up_shift_speed(p, gear, pedal):
         return gear + 1
     if gear > 1 and v < _up_shift_speed(p, gear - 1, pedal) - p.shift_hysteresis:
@@ -108,17 +123,31 @@ def _approach(value: float, target: float, step: float) -> float:
 
 
 @compiled
-def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float) -> None:
+def _creep(p: Parameters, c: Any, brake: float, w_c: float, engaged: Any) -> float:
+    """Return the clutch torque of creeping, N·m, 0 if the car is not to creep."""
+    shaft = p.gear_shaft[c.gear]
+    if not c.creeps or brake > 0.0 or c.lever == NEUTRAL or engaged[shaft] != c.gear:
+        return 0.0
+    low, high = _CREEP_SHARES
+    return _CREEP_TORQUE * min(1.0, max(0.0, (high - w_c / p.idle) / (high - low)))
+
+
+@compiled
+def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: float) -> None:
     for i in range(2):  # gently at the end: the driveline is wound up
         fast = c.capacity[i] > 40.0 or brake > 0.0
-        c.capacity[i] = _approach(c.capacity[i], 0.0, (600.0 if fast else 100.0) * STEP)
+        aim = creep if i == p.gear_shaft[c.gear] else 0.0
+        c.capacity[i] = _approach(c.capacity[i], aim, (600.0 if fast else 100.0) * STEP)
+    if abs(v) < _HOLD_SPEED and (c.lever == REVERSE) != (c.gear < 0):
+        c.gear = -1 if c.lever == REVERSE else 1
+        c.gear_command[1 - p.gear_shaft[c.gear]] = 0
     while c.gear > 1 and v < _up_shift_speed(p, c.gear - 1, 0.0) - p.shift_hysteresis:
         c.gear -= 1
     shaft = p.gear_shaft[c.gear]
     c.gear_command[shaft] = c.gear
-    c.ready[shaft] = pedal > 0.0
+    c.ready[shaft] = pedal > 0.0 or creep > 0.0
     c.ready[1 - shaft] = False
-    if pedal > 0.0 and brake == 0.0:
+    if pedal > 0.0 and brake == 0.0 and c.lever != NEUTRAL:
         c.w_ref = c.last_w_e
         _enter(c, LAUNCH)
 
@@ -156,10 +185,10 @@ def _drive(
     else:
         c.capacity[shaft] = _approach(c.capacity[shaft], 2.0 * enough, 200.0 * STEP)
     c.capacity[1 - shaft] = _approach(c.capacity[1 - shaft], 0.0, 3000.0 * STEP)
-    if w_c < _OPEN_SPEED and (pedal == 0.0 or w_c < p.idle) and (c.gear == 1 or w_c < 0.95 * p.idle):
+    if w_c < _OPEN_SPEED and (pedal == 0.0 or w_c < p.idle) and (abs(c.gear) == 1 or w_c < 0.95 * p.idle):
         _enter(c, OPEN)
         return
-    wanted = _wanted_gear(p, c.gear, pedal, v)
+    wanted = _wanted_gear(p, c.lever, c.gear, pedal, v)
     if wanted != c.gear and c.shifted > _SHIFT_PAUSE and stuck:
         c.target = wanted
         _enter(c, FILL)
@@ -243,7 +272,9 @@ def _synchronise(
 @compiled
 def _preselect(p: Parameters, c: Any, pedal: float) -> None:
     """Choose the gear of the idle shaft: the next one up under power, the next one down while coasting."""
-    wish = c.gear + 1 if pedal > 0.0 else c.gear - 1
+    if c.gear < 0:
+        return
+    wish = c.gear + 1 if pedal > 0.0 or c.lever > 0 else c.gear - 1
     if c.gear == 1:
         wish = 2
     if c.gear == p.n_gears:
@@ -289,8 +320,14 @@ def decide(
     J = p.J_e + p.J_d
     carried = T_e - J * p.ratio[c.gear] * p.final_drive[c.gear] * c.dw_w
     shifting = False
+    creep = 0.0
+    if c.lever == NEUTRAL and (c.state == DRIVE or c.state == LAUNCH):
+        _enter(c, OPEN)
     if c.state == OPEN:
-        _open(p, c, pedal, brake, v)
+        creep = _creep(p, c, brake, w_c, engaged)
+        if creep > 0.0:
+            wish = max(wish, c.capacity[shaft])
+        _open(p, c, pedal, brake, v, creep)
     elif c.state == LAUNCH:
         _launch(p, c, pedal, T_e, w_c, slips[shaft], stuck)
     elif c.state == DRIVE:
@@ -315,14 +352,21 @@ def decide(
     c.last_wish = wish
     lead = p.torque_lag * c.wish_rate if shifting else 0.0
     command = min(full_load(p, w_e), max(closed(p, w_e), wish + lead))
-    c.engine_command = with_idle_control(p, command, w_e, c.dw_e)
+    if not c.engine_on:
+        c.engine_command = closed(p, w_e)
+    elif w_e < CRANKED:
+        c.engine_command = starter(w_e)
+    else:
+        c.engine_command = with_idle_control(p, command, w_e, c.dw_e)
 
     # The hill holder keeps the brake on until the clutch can carry the car.
     hold = 0.0
-    if c.state == OPEN and abs(v) < _HOLD_SPEED and pedal == 0.0:
+    if not c.holder or creep > 0.0:
+        c.hold_n = 0.0
+    elif c.state == OPEN and abs(v) < _HOLD_SPEED and pedal == 0.0:
         hold = _HOLD * p.weight
     elif c.state == LAUNCH and c.since < 1.5:
-        pull = c.capacity[shaft] * p.ratio[c.gear] * p.final_drive[c.gear] / p.r_w
+        pull = c.capacity[shaft] * abs(p.ratio[c.gear]) * p.final_drive[c.gear] / p.r_w
         if pull * p.gear_efficiency * p.final_drive_efficiency < 0.12 * p.weight:
             hold = min(c.hold_n, _HOLD * p.weight)
     elif c.state == OPEN:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
+from dctorque_can.simulation.control import AUTOMATIC, NEUTRAL, REVERSE
 from dctorque_can.simulation.plant import new_state, run
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, Powertrain, parameters
 from dctorque_can.simulation.truth import TRUTH
@@ -31,8 +32,14 @@ class Drive:
         pedal: 0..1; two knots at one time make a step.
         brake_n: driver's braking force.
         grade_rad: slope of the road, positive uphill.
-        speed_m_s: if not empty, a driver follows this speed and `pedal` and `brake_n` are ignored.
+        speed_m_s: if not empty, a driver follows this speed and `pedal` and `brake_n` are ignored, but where it is
+            negative.
         payload_kg: on top of the vehicle's mass.
+        lever: steps of 0 automatic, -1 reverse (taken at standstill), -2 neutral, or a forward gear by hand.
+        engine: steps of 1 on and 0 off (at standstill); on again, the starter turns it first.
+        friction: of the driven tyres on the road, greatest force over load; infinite: they never spin.
+        creeps: whether the clutch pulls when neither pedal is pressed.
+        hill_holder: whether the gearbox control keeps the brake on until the clutch can carry the car.
     """
 
     name: str
@@ -42,6 +49,11 @@ class Drive:
     grade_rad: Knots = ((0.0, 0.0),)
     speed_m_s: Knots = ()
     payload_kg: float = 0.0
+    lever: Knots = ((0.0, float(AUTOMATIC)),)
+    engine: Knots = ((0.0, 1.0),)
+    friction: Knots = ((0.0, np.inf),)
+    creeps: bool = False
+    hill_holder: bool = True
 
 
 PAPER = Drive(
@@ -123,7 +135,8 @@ def simulate(
         `TRUTH` ``[n]``, one row per millisecond from 0 to ``drive.duration_s``.
 
     Raises:
-        DctorqueError: the vehicle cannot be simulated: gears 1, 2, … must be complete and on alternate shafts.
+        DctorqueError: the vehicle cannot be simulated: gears 1, 2, … must be complete and on alternate shafts, and
+            the lever may ask for no gear that it lacks.
     """
     numbers = sorted(gear.number for gear in vehicle.gears if gear.number > 0)
     if numbers != list(range(1, len(numbers) + 1)) or len(numbers) < 2:
@@ -131,15 +144,23 @@ def simulate(
     for number in numbers[1:]:
         if vehicle.gear(number).shaft == vehicle.gear(number - 1).shaft:
             raise DctorqueError(f"simulation needs neighbouring gears on different shafts: {number - 1}, {number}")
-    p = parameters(vehicle, powertrain, drive.payload_kg)
     n = round(drive.duration_s * 1000) + 1
     t = np.arange(n) / 1000.0
+    lever = np.rint(_sampled(drive.lever, t)).astype(np.int64)
+    missing = set(np.unique(lever).tolist()) - {AUTOMATIC, NEUTRAL} - {gear.number for gear in vehicle.gears}
+    if missing:
+        names = ", ".join("reverse" if number == REVERSE else str(number) for number in sorted(missing))
+        raise DctorqueError(f"drive {drive.name} needs gears that the vehicle does not have: {names}")
+    p = parameters(vehicle, powertrain, drive.payload_kg)
     speed = _sampled(drive.speed_m_s, t) if drive.speed_m_s else np.full(n, -1.0)
     rows = np.zeros(n, TRUTH)
     pedal, brake, grade = (_sampled(k, t) for k in (drive.pedal, drive.brake_n, drive.grade_rad))
+    friction, engine = _sampled(drive.friction, t), _sampled(drive.engine, t) > 0.5
     state = new_state(p)
+    control = state[5]
+    control["creeps"], control["holder"] = drive.creeps, drive.hill_holder
     for start in range(0, n, PIECE):
         end = min(start + PIECE, n)
-        run(p, *state, pedal, brake, grade, speed, rows, start, end)
+        run(p, *state, pedal, brake, grade, friction, lever, engine, speed, rows, start, end)
         progress(end / n)
     return rows

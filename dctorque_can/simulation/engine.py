@@ -6,6 +6,9 @@ from dctorque_can.compiled import compiled
 from dctorque_can.simulation.powertrain import Parameters
 
 _IDLE_GAIN = 2.0  # N·m per rad/s; with the lag's lead below, poles near 7 1/s on 0.23 kg·m²
+CRANKED = 25.0  # rad/s; from here on the engine fires
+_STARTER_TORQUE = 60.0  # N·m at the crankshaft, at rest
+_STARTER_SPEED = 40.0  # rad/s without load
 _LIMITER_BAND = 20.0  # rad/s in which the speed limiter takes the torque away
 
 
@@ -30,6 +33,12 @@ def driver_demand(p: Parameters, pedal: float, w_e: float) -> float:
     low = closed(p, w_e)
     share = 1.0 - (1.0 - min(1.0, max(0.0, pedal))) ** p.pedal_exponent
     return float(low + share * (full_load(p, w_e) - low))
+
+
+@compiled
+def starter(w_e: float) -> float:
+    """Return the starter's torque at the crankshaft beyond the drag of an engine without fuel, N·m."""
+    return _STARTER_TORQUE * max(0.0, 1.0 - w_e / _STARTER_SPEED)
 
 
 @compiled

@@ -2,8 +2,12 @@
 
 Speeds: engine, damper secondary side, input shafts 1 and 2, output shaft, driven wheels, body (undriven wheels
 roll with it). Contacts: both clutches, the cones of both synchronisers, and brake plus rolling resistance on the
-body. Brakes act on the body as if all were on the undriven wheels. Gear losses depend on the direction of the
-torque.
+body: against its motion in either direction, and holding at rest. Brakes act on the body as if all were on the
+undriven wheels, whose grip has no limit. Gear losses depend on the direction of the power: on that of the torque,
+and where the car goes backwards also on that of the motion.
+
+The driven tyres have the friction of the road at most. Their deflection then grows as in Dahl's model of friction
+(1968), which needs no speed of the car: it holds from standstill on, forwards and backwards.
 
 A synchroniser is a cone clutch between an input shaft and the output shaft (times the gear's total ratio); the
 gear is engaged only once the cone sticks, so momentum is conserved and nothing is ever set to a speed. The
@@ -16,6 +20,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.simulation.control import CONTROL, decide
@@ -46,6 +51,8 @@ SUBSTEPS = 10
 STEP = 1e-4
 PERIOD = SUBSTEPS * STEP
 
+_BACKWARDS = 0.01  # m/s
+_LOSSES_TURN = 0.1  # rad/s of the output shaft, on either side of zero: within, the losses fade and turn round
 _TYRE_DAMPING_SPEED = 1.0  # m/s; a rolling tyre is damped by its slip, its own damping is for standstill
 
 ACTUATION = np.dtype(
@@ -57,6 +64,7 @@ ACTUATION = np.dtype(
         ("target", "i8", (2,)),
         ("sleeve", "f8", (2,)),  # s on the way to the cone
         ("cone", "f8", (2,)),  # kinetic torque of the cone, on the input shaft
+        ("went_back", "u1"),  # the car has gone backwards
         ("lost_j", "f8"),  # twist let go when a gear was disengaged
     ],
     align=True,
@@ -160,8 +168,22 @@ def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, co
 
 
 @compiled
+def _arms(p: Parameters, gear: int, driving: bool) -> tuple[float, float]:
+    """Return the lever arms of input shaft and output shaft at the transfer shaft, losses included."""
+    arm_in, arm_out = 1.0 / p.ratio[gear], p.final_drive[gear]
+    if driving:
+        return arm_in / p.gear_efficiency, arm_out * p.final_drive_efficiency
+    return arm_in * p.gear_efficiency, arm_out / p.final_drive_efficiency
+
+
+@compiled
 def _losses(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any) -> None:
-    """Set the lossy lever arms of both gears by the direction of their torque (losses always against the flow)."""
+    """Set the lossy lever arms of both gears by the direction of their power (losses always against the flow).
+
+    Until the car goes backwards for the first time the direction of the torque is enough.
+    """
+    if motion.speed[BODY] < -_BACKWARDS:
+        a.went_back = True
     for shaft in range(2):
         gear = a.engaged[shaft]
         if gear == 0:
@@ -170,13 +192,13 @@ def _losses(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any) -> None
             continue
         spring = TWIST_TRANSFER1 + shaft
         driving = spring_torque(mechanism, motion, spring) * p.ratio[gear] >= 0.0
-        arm_in, arm_out = 1.0 / p.ratio[gear], p.final_drive[gear]
-        if driving:
-            arm_in /= p.gear_efficiency
-            arm_out *= p.final_drive_efficiency
-        else:
-            arm_in *= p.gear_efficiency
-            arm_out /= p.final_drive_efficiency
+        arm_in, arm_out = _arms(p, gear, driving)
+        if a.went_back:
+            forward = motion.speed[OUTPUT] if p.ratio[gear] > 0.0 else -motion.speed[OUTPUT]
+            share = 0.5 - 0.5 * min(1.0, max(-1.0, forward / _LOSSES_TURN))
+            other_in, other_out = _arms(p, gear, not driving)
+            arm_in += share * (other_in - arm_in)
+            arm_out += share * (other_out - arm_out)
         mechanism.spring_torque[spring, SHAFT1 + shaft] = arm_in
         mechanism.spring_torque[spring, OUTPUT] = -arm_out
 
@@ -192,9 +214,11 @@ def move(
     c: Any,
     brake: float,
     grade: float,
+    friction: float = np.inf,
 ) -> None:
-    """Advance the car by one millisecond under the commands in ``c``."""
-    engine_share = 1.0 - np.exp(-STEP / p.torque_lag)
+    """Advance the car by one millisecond under the commands in ``c``; ``friction`` is that of the driven tyres."""
+    grip = friction * p.driven_load * np.cos(grade)
+    engine_share = 1.0 - np.exp(-STEP / p.torque_lag) if c.engine_on else 1.0  # without fuel there is only drag
     actuator_share = 1.0 - np.exp(-STEP / p.actuator_lag)
     gravity = -p.weight * np.sin(grade)
     hold = p.rolling * p.weight * np.cos(grade) + brake
@@ -202,8 +226,10 @@ def move(
         _losses(p, mechanism, motion, a)
         v = abs(motion.speed[BODY])
         mechanism.damping[AIR] = p.air * v
-        mechanism.leak[TYRE] = v / p.tyre_relaxation
-        mechanism.damping[TYRE] = p.tyre_damping / (1.0 + v / _TYRE_DAMPING_SPEED)
+        slip_speed = abs(p.r_w * motion.speed[WHEEL] - motion.speed[BODY])
+        used = abs(mechanism.stiffness[TYRE] * motion.twist[TYRE]) / grip
+        mechanism.leak[TYRE] = max(v / p.tyre_relaxation, slip_speed * mechanism.stiffness[TYRE] / grip)
+        mechanism.damping[TYRE] = max(0.0, 1.0 - used) * p.tyre_damping / (1.0 + v / _TYRE_DAMPING_SPEED)
         loads.force[0, ENGINE] = a.T_e
         a.T_e += engine_share * (c.engine_command - a.T_e)
         loads.force[1, ENGINE] = a.T_e
@@ -291,6 +317,9 @@ def run(
     pedals: Floats,
     brakes: Floats,
     grades: Floats,
+    frictions: Floats,
+    levers: NDArray[np.int64],
+    engines: NDArray[np.bool_],
     wanted_speed: Floats,
     rows: Any,
     start: int,
@@ -313,6 +342,8 @@ def run(
         if wanted_speed[k] >= 0.0:
             ahead = min(rows.size - 1, k + 500)
             aim, later = wanted_speed[k], wanted_speed[ahead]
+            if later < 0.0:  # the pedals are given by then
+                later = aim
             v = motion.speed[BODY]
             pedal, brake, memory = follow(p, aim, later, v, driver[0], driver[1], driver[2], PERIOD)
             driver[0], driver[1], driver[2] = memory, pedal, brake
@@ -321,10 +352,12 @@ def run(
         row.grade_rad = grades[k]
         row.brake_n = max(brake, c.hold_n)
         record(p, mechanism, motion, a, c, row)
+        c.lever = levers[k]
+        c.engine_on = engines[k]
         decide(p, c, pedal, brake, motion.speed, a.T_e, motion.mode, a.engaged)
         change_gears(p, mechanism, motion, a, c.gear_command)
         held = max(brake, c.hold_n)
-        move(p, mechanism, motion, loads, scratch, a, c, held, grades[k])
+        move(p, mechanism, motion, loads, scratch, a, c, held, grades[k], frictions[k])
 
 
 def new_state(
@@ -346,6 +379,7 @@ def new_state(
     control["gear_command"] = actuation["engaged"]
     control["last_w_e"] = p.idle
     control["hold_n"] = 0.4 * p.weight
+    control["holder"] = control["engine_on"] = True
     control["shifted"] = 10.0
     loads = new_loads(N_SPEEDS, N_CONTACTS)
     driver = np.zeros(3)  # the memory of `follow`, its last pedal and brake

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Vehicle
+from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY, Gear, Vehicle
 
 Floats = NDArray[np.float64]
 RPM = pi / 30.0
@@ -103,7 +103,7 @@ DEMO_POWERTRAIN = Powertrain(
 class Parameters(NamedTuple):
     """`Vehicle` and `Powertrain` as the compiled plant and control read them. SI units, positions in mm.
 
-    Gear tables are indexed by gear number 1..n; index 0 is neutral. A reverse gear is not driven in simulation.
+    Gear tables are indexed by gear number 1..n; index 0 is neutral, index -1 (the last) reverse: ratio 0 if none.
     """
 
     J_e: float
@@ -131,6 +131,7 @@ class Parameters(NamedTuple):
     gear_efficiency: float
     final_drive_efficiency: float
     weight: float  # m g
+    driven_load: float  # of the driven axle, N
     rolling: float
     air: float  # ½ ρ C_d A
     slip_stiffness: float  # N
@@ -163,6 +164,8 @@ def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> P
     """Return the flat parameters of a loaded car."""
     forward = {gear.number: gear for gear in vehicle.gears if gear.number > 0}
     n = max(forward)
+    reverse = next((gear for gear in vehicle.gears if gear.number == -1), Gear(-1, 1, 0.0, 0.0, 0.0))
+    numbered = [forward[i] for i in range(1, n + 1)]
     chassis = vehicle.chassis
     mass = chassis.mass_kg + payload_kg
     clutches, shafts = vehicle.clutches, vehicle.shafts
@@ -191,12 +194,13 @@ def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> P
         capacity_assumed=capacity_full / powertrain.friction_over_assumed,
         static_ratio=np.array([c.friction_static / c.friction_kinetic for c in clutches]),
         n_gears=n,
-        gear_shaft=np.array([0] + [forward[i].shaft - 1 for i in range(1, n + 1)], np.int64),
-        ratio=np.array([0.0] + [forward[i].ratio for i in range(1, n + 1)]),
-        final_drive=np.array([0.0] + [forward[i].final_drive for i in range(1, n + 1)]),
+        gear_shaft=np.array([0, *(gear.shaft - 1 for gear in (*numbered, reverse))], np.int64),
+        ratio=np.array([0.0, *(gear.ratio for gear in (*numbered, reverse))]),
+        final_drive=np.array([0.0, *(gear.final_drive for gear in (*numbered, reverse))]),
         gear_efficiency=vehicle.gear_efficiency,
         final_drive_efficiency=vehicle.final_drive_efficiency,
         weight=mass * STANDARD_GRAVITY,
+        driven_load=load,
         rolling=chassis.rolling_resistance,
         air=0.5 * AIR_DENSITY * chassis.drag_coefficient * chassis.frontal_area_m2,
         slip_stiffness=powertrain.slip_stiffness_per_load * load,

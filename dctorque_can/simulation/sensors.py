@@ -1,5 +1,8 @@
 """Sensors and bus: from the truth of a drive to the CAN frames of the demo car (dbc/demo_car.dbc).
 
+Speeds have no negative values there: what turns backwards is sent as 0. dbc/demo_car_signed.dbc has the same
+messages with signed wheel and input shaft speeds.
+
 Every message samples at its own instants, between the rows of the truth; what a sample's frame shows has the noise
 of its sensors, the resolution of the DBC, and arrives later by the message's delay and jitter.
 """
@@ -23,6 +26,7 @@ from dctorque_can.pipeline.samples import Protection
 from dctorque_can.simulation.truth import TRUTH_PERIOD_US
 
 Floats = NDArray[np.float64]
+Speeds = Literal["wheels", "shafts"]
 
 _RPM_PER_RAD_S = 30.0 / pi
 _KMH_PER_M_S = 3.6
@@ -95,6 +99,8 @@ class SensorProfile:
         driven_axle: whose wheels the transmission turns.
         seed: of noise and jitter.
         inertial: errors of the message Inertial, if it is sent.
+        unsigned: speeds that are measured and sent without their sign, as by most production sensors: they count
+            teeth. Noise and resolution are then those of the magnitude.
     """
 
     name: str
@@ -107,6 +113,7 @@ class SensorProfile:
     driven_axle: Literal["front", "rear", "all"] = "front"
     seed: int = 0
     inertial: InertialErrors = InertialErrors()
+    unsigned: frozenset[Speeds] = frozenset()
 
 
 LABORATORY = SensorProfile(
@@ -160,6 +167,14 @@ class _Sampled:
         noise = sigma * self.random.standard_normal(len(clean)) if sigma else 0.0
         return np.asarray(clean + noise, np.float64)
 
+    def speed(self, name: str, group: Speeds, sigma: float) -> Floats:
+        """Return a speed of ``group``, as magnitude if it is sent without sign."""
+        signed = self.value(name)
+        noise = sigma * self.random.standard_normal(len(signed)) if sigma else 0.0
+        if group in self.profile.unsigned:
+            return np.asarray(np.maximum(0.0, np.abs(signed) + noise), np.float64)
+        return np.asarray(signed + noise, np.float64)
+
     def rate(self, name: str, late_us: int = 0) -> Floats:
         """Return by how much a value changes in a second."""
         step_us = 1000  # that of the truth
@@ -189,7 +204,9 @@ def _engine(s: _Sampled) -> dict[str, Floats]:
 
 def _shafts(s: _Sampled) -> dict[str, Floats]:
     sigma = s.profile.noise.shaft_speed_rad_s
-    return {f"InputShaft{i}Speed": s.value(f"shaft{i}_speed_rad_s", sigma) * _RPM_PER_RAD_S for i in (1, 2)}
+    return {
+        f"InputShaft{i}Speed": s.speed(f"shaft{i}_speed_rad_s", "shafts", sigma) * _RPM_PER_RAD_S for i in (1, 2)
+    }
 
 
 def _gearbox(s: _Sampled) -> dict[str, Floats]:
@@ -209,7 +226,7 @@ def _axle(front: bool) -> Callable[[_Sampled], dict[str, Floats]]:
         scale = s.wheel_radius_m * _KMH_PER_M_S
         sigma = s.profile.noise.wheel_speed_rad_s
         return {
-            f"WheelSpeed{wheel}": s.value(name, sigma) * scale
+            f"WheelSpeed{wheel}": s.speed(name, "wheels", sigma) * scale
             for wheel in (("FL", "FR") if front else ("RL", "RR"))
         }
 

@@ -28,7 +28,7 @@ def line_of(text, fragment):
     return next(k for k, line in enumerate(text.splitlines(), 1) if fragment in line)
 
 
-@pytest.mark.parametrize("name", ["demo_car.dbc", "dctorque.dbc"])
+@pytest.mark.parametrize("name", ["demo_car.dbc", "demo_car_signed.dbc", "dctorque.dbc"])
 def test_the_shipped_databases_load_strictly_and_state_cycle_times(name):
     database = load_database([DatabaseFile(DBC / name)])
     assert all(message.cycle_time in (10, 20, 100) for message in database.messages)

@@ -43,6 +43,15 @@ def test_version(dctorque) -> None:
     assert dctorque("--version").out.strip() == f"dctorque {__version__}"
 
 
+def test_simulate_a_manoeuvre_without_signs(dctorque) -> None:
+    made = dctorque("simulate", "-o", "back.mcap", "--drive", "roll_back", "--unsigned", "wheels", "--duration", 3)
+    assert made.code == 0
+    assert "roll_back drive, production signals, seed 1, unsigned wheels" in made.err
+    missing = dctorque("simulate", "-o", "reverse.mcap", "--drive", "reverse")
+    assert missing.code == 1
+    assert "does not have: reverse" in missing.err
+
+
 def test_simulate_and_replay_in_every_format_give_the_same_estimates(dctorque, tmp_path: Path) -> None:
     counts = set()
     for suffix in ("mcap", "blf", "log"):

@@ -14,6 +14,8 @@ from dctorque_can.bus.database import DatabaseFile, load_database
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.frames import Frames
+from dctorque_can.simulation.drive import simulate
+from dctorque_can.simulation.manoeuvres import MANOEUVRES
 from dctorque_can.simulation.sensors import (
     INERTIAL,
     LABORATORY,
@@ -248,3 +250,52 @@ def test_wrong_database_or_profile_is_refused(paper_vehicle: Vehicle, database: 
     late = replace(PRODUCTION, timing={"EngineData": Timing(1000, jitter_us=1000)})
     with pytest.raises(DctorqueError, match="jitter"):
         FrameEmitter(paper_vehicle, late, database)
+
+
+@pytest.mark.parametrize("unsigned", [set(), {"wheels"}, {"shafts"}, {"wheels", "shafts"}])
+def test_unsigned_speeds_are_the_magnitude_of_signed_ones(paper_vehicle: Vehicle, unsigned: set[str]) -> None:
+    """Of a car that rolls backwards; without noise, within the resolution. Nothing else is touched."""
+    truth = simulate(paper_vehicle, replace(MANOEUVRES["roll_back"](paper_vehicle), duration_s=5.0))
+    database = load_database([DatabaseFile(DBC.with_name("demo_car_signed.dbc"))])
+    quiet = replace(PRODUCTION, noise=QUIET)
+    signed = emit_frames(truth, paper_vehicle, quiet, database)
+    sent = emit_frames(truth, paper_vehicle, replace(quiet, unsigned=frozenset(unsigned)), database)
+    np.testing.assert_array_equal(sent.t_us, signed.t_us)
+    for message, group in (("InputShafts", "shafts"), ("WheelSpeedsRear", "wheels"), ("EngineData", "")):
+        (_, before), (_, after) = (decoded(frames, database, message) for frames in (signed, sent))
+        for name, value in before.items():
+            if not name.startswith(("InputShaft1", "InputShaft2", "WheelSpeedR", "EngineSpeed")):
+                continue
+            if group:
+                assert value.min() < -0.5
+            wanted = np.abs(value) if group in unsigned else value
+            np.testing.assert_allclose(
+                after[name], wanted, atol=0.26 if group == "shafts" else 0.032, err_msg=name
+            )
+
+
+def test_unsigned_noise_is_that_of_the_magnitude(paper_vehicle: Vehicle) -> None:
+    """At rest it shows as values above zero, never below; rolling backwards it is the usual one."""
+    truth = simulate(paper_vehicle, replace(MANOEUVRES["roll_back"](paper_vehicle), duration_s=2.3))
+    database = load_database([DatabaseFile(DBC.with_name("demo_car_signed.dbc"))])
+    sensors = replace(LABORATORY, unsigned=frozenset({"wheels", "shafts"}))
+    _, shafts = decoded(emit_frames(truth, paper_vehicle, sensors, database), database, "InputShafts")
+    speed = shafts["InputShaft1Speed"] * RPM
+    assert speed.min() == 0.0
+    back = np.arange(len(speed)) > 1600
+    error = speed[back] - np.abs(truth["shaft1_speed_rad_s"][:-1][back])
+    assert error.std() == pytest.approx(0.3, rel=0.1)
+    assert abs(error.mean()) < 0.05
+
+
+def test_the_signed_bus_sends_the_same_forwards(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+) -> None:
+    """Same resolution, same noise: what is not near standstill is the same number."""
+    other = load_database([DatabaseFile(DBC.with_name("demo_car_signed.dbc"))])
+    usual, signed = (emit_frames(paper_truth, paper_vehicle, PRODUCTION, each) for each in (database, other))
+    for message in ("InputShafts", "WheelSpeedsFront", "Gearbox"):
+        (_, before), (_, after) = decoded(usual, database, message), decoded(signed, other, message)
+        for name in before:
+            if "Crc" not in name:
+                np.testing.assert_array_equal(before[name], np.maximum(after[name], 0.0), err_msg=name)
