@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.analysis import confidence
 from dctorque_can.analysis.consistency import Bands, Nees, bands, nees
 from dctorque_can.analysis.errors import TORQUES
 from dctorque_can.analysis.lag import Stretch, lag_s
@@ -38,6 +39,7 @@ class TorqueFigures:
         peak_nm: largest magnitude.
         lag_ms: as `lag.lag_s` defines it; None when there is none to be told, or nobody asked.
         bands: of the stated standard deviations; None when the estimator states none.
+        wrong_ms: for how long it was confidently wrong (`confidence`), over all drives; None likewise.
     """
 
     rms_nm: float
@@ -46,6 +48,7 @@ class TorqueFigures:
     peak_nm: float
     lag_ms: float | None
     bands: Bands | None
+    wrong_ms: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +130,11 @@ class _Drive:
         self.error: dict[str, Floats] = {
             name: self.estimate[name] - np.interp(self.t_s, self.truth_t_s, self.truth[name]) for name in TORQUES
         }
+        lasting_ms = confidence.lasting_ms(self.t_us)
+        self.wrong_ms: dict[str, Floats] = {
+            name: lasting_ms * confidence.wrong(name, self.error[name], self.sigma[name], rows["status"])
+            for name in TORQUES
+        }
         self.windows = shift_windows(truth)
         self.all_time = np.array([truth["t_us"][0], truth["t_us"][-1]], np.int64)
 
@@ -157,13 +165,16 @@ def _figures(
         sigma = np.concatenate([d.sigma[name][rows] for d, rows in zip(drives, chosen, strict=True)])
         stretches = [d.stretch(name, w) for d, spans in zip(drives, windows, strict=True) for w in spans]
         lag = lag_s(stretches) if with_lag else None
+        held = bands(error, sigma)
+        wrong_ms = sum(float(d.wrong_ms[name][rows].sum()) for d, rows in zip(drives, chosen, strict=True))
         torques[name] = TorqueFigures(
             rms_nm=_rms(error),
             rms_each_nm=tuple(_rms(one) if len(one) else None for one in errors),
             bias_nm=float(np.mean(error)),
             peak_nm=float(np.max(np.abs(error))),
             lag_ms=None if lag is None else 1000 * lag,
-            bands=bands(error, sigma),
+            bands=held,
+            wrong_ms=None if held is None else wrong_ms,
         )
     clutches = nees(
         [(_pair(d.error), _pair(d.sigma), d.correlation, r) for d, r in zip(drives, chosen, strict=True)]

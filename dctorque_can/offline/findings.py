@@ -55,6 +55,7 @@ def _torque(torque: TorqueFigures, bound: TorqueFigures) -> dict[str, Any]:
         "peak_nm": torque.peak_nm,
         "lag_ms": torque.lag_ms,
         "bands": None if torque.bands is None else _bands(torque.bands),
+        "confidently_wrong_ms": torque.wrong_ms,
     }
 
 

@@ -47,6 +47,10 @@ def _estimators(found: dict[str, EstimatorSpread]) -> Iterator[tuple[str, Table]
         f"cars in which the 95 % band holds at least {100 * HONEST:.0f} %, and the least that it holds in one",
         by_torque(headings, ("%", "%", "%", "cars", "%"), rows, _band_cells),
     )
+    yield (
+        "Confidently wrong: valid, but beyond 5 σ and 10 N·m (output 100 N·m); for so long in all and in one car",
+        by_torque(("all cars", "worst"), ("ms", "ms"), rows, _wrong_cells),
+    )
     yield "Mean NIS of each speed (1 is right), and that of the cars in the middle 80 %", _nis_table(found)
 
 
@@ -60,6 +64,11 @@ def _band_cells(spread: TorqueSpread) -> tuple[str, ...] | None:
         return None
     cars = f"{held.honest * spread.runs:.0f}/{spread.runs}"
     return (*(f"{100 * share:.1f}" for share in held.pooled), cars, f"{100 * held.least[-1]:.1f}")
+
+
+def _wrong_cells(spread: TorqueSpread) -> tuple[str, ...] | None:
+    held = spread.coverage
+    return None if held is None else (f"{held.wrong_ms:.0f}", f"{held.wrong_worst_ms:.0f}")
 
 
 def _nis_table(found: dict[str, EstimatorSpread]) -> Table:

@@ -27,11 +27,15 @@ class Coverage:
         pooled: share of all errors within the band; every estimate counts the same.
         least: the smallest share of a run.
         honest: share of the runs whose 95 % band holds at least `HONEST`.
+        wrong_ms: for how long a torque was confidently wrong (`analysis.confidence`), in all runs together.
+        wrong_worst_ms: … in the worst run.
     """
 
     pooled: tuple[float, ...]
     least: tuple[float, ...]
     honest: float
+    wrong_ms: float
+    wrong_worst_ms: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +114,8 @@ def _as_json(spread: TorqueSpread) -> dict[str, Any]:
         "coverage": None if held is None else _by_level(held.pooled),
         "coverage_least": None if held is None else _by_level(held.least),
         "honest_runs": None if held is None else held.honest,
+        "confidently_wrong_ms": None if held is None else held.wrong_ms,
+        "confidently_wrong_worst_ms": None if held is None else held.wrong_worst_ms,
     }
 
 
@@ -156,7 +162,14 @@ def _coverage(runs: Sequence[dict[str, Any]]) -> Coverage:
     shares = np.array([run["coverage"] for run in runs])
     pooled = np.average(shares, axis=0, weights=[run["samples"] for run in runs])
     honest = np.mean(shares[:, _WIDEST] >= HONEST)
-    return Coverage(tuple(map(float, pooled)), tuple(map(float, shares.min(axis=0))), float(honest))
+    wrong_ms = [run["wrong_ms"] for run in runs]
+    return Coverage(
+        pooled=tuple(map(float, pooled)),
+        least=tuple(map(float, shares.min(axis=0))),
+        honest=float(honest),
+        wrong_ms=float(sum(wrong_ms)),
+        wrong_worst_ms=float(max(wrong_ms)),
+    )
 
 
 def _sensor(runs: Sequence[dict[str, Any]]) -> SensorSpread:

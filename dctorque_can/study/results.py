@@ -17,7 +17,7 @@ from typing import Any
 from dctorque_can.errors import DctorqueError
 from dctorque_can.study.run import Record
 
-FORMAT = "dctorque study 2"
+FORMAT = "dctorque study 3"
 _WHAT = {
     "study": "another study (its file was changed)",
     "vehicle": "another vehicle file, DBC or --set",

@@ -173,13 +173,20 @@ def _loaded(car: Car) -> Vehicle:
 
 
 def _figures(figures: Figures) -> dict[str, Any]:
-    """Return by torque the RMS error, N·m, and of ``samples`` that state a σ the coverage of each of `LEVELS`."""
+    """Return by torque the RMS error, N·m, and of ``samples`` that state a σ the coverage of each of `LEVELS`.
+
+    With it goes for how long they were confidently wrong, ms.
+    """
     return {
         name: {"rms": torque.rms_nm}
         | (
             {}
             if torque.bands is None
-            else {"samples": torque.bands.samples, "coverage": list(torque.bands.coverage)}
+            else {
+                "samples": torque.bands.samples,
+                "coverage": list(torque.bands.coverage),
+                "wrong_ms": torque.wrong_ms,
+            }
         )
         for name, torque in figures.torques.items()
     }

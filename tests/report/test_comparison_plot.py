@@ -9,7 +9,7 @@ from dctorque_can.report.comparison_plot import comparison_figure
 
 def figures(states_deviations: bool = False) -> Figures:
     bands = Bands(100, (0.4, 0.8, 0.9), 3.0) if states_deviations else None
-    torque = TorqueFigures(5.0, (5.0,), 1.0, 20.0, None, bands)
+    torque = TorqueFigures(5.0, (5.0,), 1.0, 20.0, None, bands, 0.0)
     nees = Nees(100, 2.0, 50.0, 1.5, 2.5, 6.0) if states_deviations else None
     return Figures(100, dict.fromkeys(TORQUES, torque), nees)
 

@@ -59,7 +59,7 @@ def test_the_bound_knows_the_drawn_car(write_study) -> None:
 
 def run(rms: float, shares: tuple[float, ...] | None, samples: int, nis: float = 1.0, shifts: bool = True) -> dict:
     """Return one estimator of a record, all its torques alike."""
-    bands = {} if shares is None else {"samples": samples, "coverage": list(shares)}
+    bands = {} if shares is None else {"samples": samples, "coverage": list(shares), "wrong_ms": 4.0 * samples}
     torques = dict.fromkeys(("clutch1_nm", "clutch2_nm", "output_nm"), {"rms": rms} | bands)
     sensors = {} if shares is None else {"engine": {"samples": samples, "rejected": samples // 3, "nis": nis}}
     return {"all": torques, "shifts": torques if shifts else None, "sensors": sensors}
@@ -91,6 +91,7 @@ def test_spreads_of_three_cars() -> None:
     assert whole.coverage.pooled == pytest.approx((270 / 500, 470 / 500, 475 / 500))
     assert whole.coverage.least == (0.4, 0.8, 0.85)
     assert whole.coverage.honest == pytest.approx(2 / 3)
+    assert (whole.coverage.wrong_ms, whole.coverage.wrong_worst_ms) == (2000.0, 1200.0)
     shifts = found["kalman"].parts["shifts"]["output_nm"]
     assert (shifts.runs, shifts.median, shifts.over_bound) == (2, 4.0, 2.5)
     assert found["oh2014"].parts["all"]["clutch1_nm"].coverage is None
@@ -100,6 +101,7 @@ def test_spreads_of_three_cars() -> None:
     assert engine.rejected == pytest.approx((33 + 100 + 33) / 666)
     json = found["kalman"].as_json()
     assert json["all"]["clutch2_nm"]["coverage"]["95%"] == pytest.approx(0.95)
+    assert json["all"]["clutch2_nm"]["confidently_wrong_worst_ms"] == 1200.0
     assert json["sensors"]["engine"]["nis_p90"] == pytest.approx(1.8)
     assert spreads([]) == {}
 
