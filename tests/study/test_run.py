@@ -52,7 +52,7 @@ def test_a_known_error_has_its_known_effect(write_study) -> None:
 
 def test_a_car_that_does_not_drive_is_a_failure_with_a_reason(write_study) -> None:
     bench = Bench(Setup.of(load_study(write_study(duration_s=6))))
-    assert "it cannot climb" in bench.run(1, {"grade_offset_rad": 0.3})["error"]
+    assert "it cannot climb" in bench.run(1, {"grade_offset_rad": 0.5})["error"]
     truth = np.zeros(10, TRUTH)
     with pytest.raises(DctorqueError, match=r"never was faster than 0\.00 m/s"):
         check_drive(truth, 0.3)
