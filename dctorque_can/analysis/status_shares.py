@@ -26,7 +26,7 @@ _FEW = 64  # estimates, as they come live: to sort them takes longer than to cou
 
 
 class StatusShares:
-    """Counts how often each status was given. Estimates come at even times, so shares are those of time."""
+    """Counts how often each status was given. Every estimate counts the same, however long it stood."""
 
     def __init__(self) -> None:
         self._counts: Counter[int] = Counter()
@@ -68,4 +68,4 @@ def told(shares: dict[str, float]) -> list[str]:
     faults = {str(bit.name).lower(): shares[str(bit.name).lower()] for bit in FAULTS}
     worth = {name.replace("_", " "): share for name, share in faults.items() if share > WORTH_TELLING}
     wrong = [f"{name} {100 * share:.0f} %" for name, share in worth.items()]
-    return [f"valid estimates: {valid}", *([f"share of time with: {', '.join(wrong)}"] if wrong else [])]
+    return [f"valid estimates: {valid}", *([f"share of estimates with: {', '.join(wrong)}"] if wrong else [])]

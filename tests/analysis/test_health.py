@@ -53,6 +53,6 @@ def test_shares_of_the_status_are_those_of_all_estimates_however_they_come():
         assert found["limited"] == 0.0
     assert told(found) == [
         "valid estimates: clutch 1 99.0 %, clutch 2 97.0 %, output 97.0 %",
-        "share of time with: engine torque fault 2 %",
+        "share of estimates with: engine torque fault 2 %",
     ]
     assert told(StatusShares().as_json()) == ["valid estimates: clutch 1 0.0 %, clutch 2 0.0 %, output 0.0 %"]
