@@ -7,17 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.pipeline.estimates import Status
+from dctorque_can.analysis.errors import VALID
 
 BEYOND_SIGMA = 5.0
 """Standard deviations of an honest estimate that an error does not reach in a lifetime."""
 BEYOND_NM: Mapping[str, float] = {"clutch1_nm": 10.0, "clutch2_nm": 10.0, "output_nm": 100.0}
-"""N·m, below which an error harms nobody, however sure the estimate was: some 3 % of what a clutch transmits."""
-VALID: Mapping[str, Status] = {
-    "clutch1_nm": Status.CLUTCH1_VALID,
-    "clutch2_nm": Status.CLUTCH2_VALID,
-    "output_nm": Status.OUTPUT_VALID,
-}
+"""N·m up to which an error is small, however sure the estimate was."""
 _LONGEST_US = 100_000  # that an estimate stands for: after a gap nothing is estimated
 
 
@@ -30,7 +25,7 @@ def wrong(
         name: short name of the torque, see `errors.TORQUES`.
         error: N·m ``[n]``, estimate minus truth.
         sigma: N·m ``[n]``, stated standard deviation.
-        status: ``[n]``, bits of `Status`.
+        status: ``[n]``, bits of `pipeline.estimates.Status`.
     """
     size = np.abs(error)
     valid = (status & np.uint32(VALID[name])) != 0

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.estimates import Status
 
 TORQUES: Mapping[str, str] = {
     "clutch1_nm": "clutch1_torque_nm",
@@ -16,6 +17,12 @@ TORQUES: Mapping[str, str] = {
     "output_nm": "output_torque_nm",
 }
 """Short name of a compared torque to the field that estimates and truth share."""
+VALID: Mapping[str, Status] = {
+    "clutch1_nm": Status.CLUTCH1_VALID,
+    "clutch2_nm": Status.CLUTCH2_VALID,
+    "output_nm": Status.OUTPUT_VALID,
+}
+"""… to the bit that calls it valid."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,9 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.analysis.errors import VALID
 from dctorque_can.pipeline.estimates import Status
 
-TORQUES = {
-    "clutch 1": Status.CLUTCH1_VALID,
-    "clutch 2": Status.CLUTCH2_VALID,
-    "output": Status.OUTPUT_VALID,
-}
 FAULTS = (
     *(Status.INPUT_STALE, Status.SPEED_IMPLAUSIBLE, Status.LIMITED),
     *(Status.ENGINE_SPEED_FAULT, Status.SHAFT1_SPEED_FAULT, Status.SHAFT2_SPEED_FAULT),
@@ -21,7 +17,6 @@ FAULTS = (
 )
 """Bits of the status that say that something is wrong."""
 BOTH_CLUTCHES = Status.CLUTCH1_VALID | Status.CLUTCH2_VALID
-WORTH_TELLING = 0.01
 _FEW = 64  # estimates, as they come live: to sort them takes longer than to count them
 
 
@@ -53,19 +48,10 @@ class StatusShares:
         return self.having(bit) / self.estimates if self._counts else 0.0
 
     def as_json(self) -> dict[str, float]:
-        """Return all shares by the names of the bits."""
-        return {str(bit.name).lower(): round(self.share(bit), 6) for bit in (*TORQUES.values(), *FAULTS)}
+        """Return all shares by `key_of` their bits."""
+        return {key_of(bit): round(self.share(bit), 6) for bit in (*VALID.values(), *FAULTS)}
 
 
-def count_valid(rows: NDArray[np.void]) -> int:
-    """Return how many `ESTIMATE` rows have both clutch torques valid."""
-    return int(np.count_nonzero((rows["status"] & np.uint32(BOTH_CLUTCHES)) == np.uint32(BOTH_CLUTCHES)))
-
-
-def told(shares: dict[str, float]) -> list[str]:
-    """Return what `StatusShares.as_json` gave, for people: the faults only if they are worth it."""
-    valid = ", ".join(f"{name} {100 * shares[str(bit.name).lower()]:.1f} %" for name, bit in TORQUES.items())
-    faults = {str(bit.name).lower(): shares[str(bit.name).lower()] for bit in FAULTS}
-    worth = {name.replace("_", " "): share for name, share in faults.items() if share > WORTH_TELLING}
-    wrong = [f"{name} {100 * share:.0f} %" for name, share in worth.items()]
-    return [f"valid estimates: {valid}", *([f"share of estimates with: {', '.join(wrong)}"] if wrong else [])]
+def key_of(bit: Status) -> str:
+    """Return the name of a bit in JSON."""
+    return str(bit.name).lower()

@@ -65,10 +65,10 @@ def replay(
     with ExitStack() as stack:
         with activity("loading", show=STDERR.is_terminal):
             from dctorque_can.analysis.health import doubts
-            from dctorque_can.analysis.status_shares import told
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
+            from dctorque_can.report.status_lines import status_lines
 
         if output is not None:
             refuse_existing(output, logs, force)
@@ -93,7 +93,7 @@ def replay(
             f"{result.estimates} {'smoothed ' if smooth else ''}estimates, "
             f"{result.valid_estimates} with valid clutch torques" + (f", in {output}" if output else "")
         )
-        for line in told(result.status) if result.estimates else ():
+        for line in status_lines(result.status) if result.estimates else ():
             say(line)
         if result.health["nis"]:
             sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())

@@ -118,7 +118,7 @@ def _tell(is_error: bool, text: str) -> None:
 
 
 def _show(summary: Summary) -> None:
-    from dctorque_can.analysis.status_shares import told
+    from dctorque_can.report.status_lines import status_lines
 
     link, log = summary.link, summary.log
     say(
@@ -126,7 +126,7 @@ def _show(summary: Summary) -> None:
         f"{summary.published} frames out"
         + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
     )
-    for line in told(summary.status) if summary.estimates else ():
+    for line in status_lines(summary.status) if summary.estimates else ():
         say(line)
     if link.lost or link.send_failures or link.error_frames or link.damaged or link.dropped:
         say(

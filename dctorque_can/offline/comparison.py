@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.comparison import Comparison, judge, shift_windows
 from dctorque_can.analysis.consistency import Nis, nis
 from dctorque_can.analysis.health import doubts, never_received
-from dctorque_can.analysis.status_shares import count_valid
+from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.driveline.parameters import Vehicle
@@ -212,7 +212,9 @@ def _result(
             )
         healths.append(chain.health)
         missing = never_received(variant.config.inputs, chain.health)
-        remarks |= dict.fromkeys(doubts(missing, len(estimates), count_valid(estimates)))
+        status = StatusShares()
+        status.count(estimates["status"])
+        remarks |= dict.fromkeys(doubts(missing, len(estimates), status.having(BOTH_CLUTCHES)))
         pairs.append((estimates, drive.truth))
     try:
         comparison = judge(pairs)

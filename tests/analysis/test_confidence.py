@@ -19,7 +19,7 @@ def test_what_is_wrong(name, least):
         (above, above / 5.01, own, True),
         (-above, above / 5.01, own, True),
         (above, above / 4.99, own, False),  # as unsure as it should be
-        (0.99 * least, 0.01, own, False),  # harms nobody
+        (0.99 * least, 0.01, own, False),  # small
         (above, 0.01, others, False),  # not called valid
         (above, np.nan, own, False),  # no σ is stated
     ]

@@ -8,17 +8,21 @@ import subprocess
 import time
 from contextlib import nullcontext
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from dctorque_can import __version__
+from dctorque_can.cli.options import DriveChoice
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH
 from dctorque_can.logs.reader import open_log
+from dctorque_can.offline.simulated_car import DriveName
 from dctorque_can.pipeline.estimates import SENSORS
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
+from dctorque_can.simulation.manoeuvres import MANOEUVRES
 
 PAPER = shipped_config("paper_car")
 HANG_S = 900  # so late that no load of the machine explains it
@@ -316,3 +320,9 @@ def test_systemd_is_told_ready_alive_and_stopping(
             listener.recv(4096)
     assert messages[0] == "READY=1"
     assert any(message.startswith("STATUS=") and "frames/s" in message for message in messages)
+
+
+def test_every_manoeuvre_can_be_asked_for():
+    """`cli` may not import what it would take the names from."""
+    choices, _ = get_args(DriveChoice)
+    assert get_args(choices) == tuple(DriveName) == ("paper", "mixed", *MANOEUVRES)

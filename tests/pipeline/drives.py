@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from dctorque_can.config.load import load_config
 from dctorque_can.estimators.methods import Method
@@ -115,3 +116,45 @@ def timeline(rows, start_us=0, column="status"):
 
 def at(rows, ms):
     return rows[np.searchsorted(rows["t_us"], ms * 1000)]
+
+
+with_either = pytest.mark.parametrize(
+    "settings", BY_METHOD.values(), ids=lambda settings: settings.method.name.lower()
+)
+"""For rules that hold whatever the method; a σ of zero is that of the 2014 observer. `test_kalman` has the random
+traffic of the filter."""
+
+
+def locked_in_first(torque=100.0):
+    """A car pulled by a locked clutch 1 in first gear, gear 2 preselected and clutch 2 open: closed form."""
+    chassis, gear = VEHICLE.chassis, VEHICLE.gear(1)
+    efficiency = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency
+    one, two = (shaft.inertia_kgm2 + 0.001 for shaft in VEHICLE.shafts)
+    J_e = VEHICLE.engine_inertia_kgm2 + VEHICLE.damper.inertia_kgm2
+    J_e1 = one + two * (R[2] / R[1]) ** 2
+    load = 300.0  # N·m at the wheel, unknown to the observer
+    w_0, R_1 = 20.0, gear.total_ratio
+    # (T_e - T_c = J_e dω),  (T_c - T_o/(η R) = J_e1 dω),  (T_o - load = J_v dω/R)
+    dw = (torque - load / (efficiency * R_1)) / (J_e + J_e1 + chassis.inertia_kgm2 / (efficiency * R_1**2))
+    T_c = torque - J_e * dw
+    T_o = load + chassis.inertia_kgm2 * dw / R_1
+
+    def values(t):
+        w = w_0 * R_1 + dw * t
+        wheel = w / R_1
+        return {
+            Q.ENGINE_SPEED: w,
+            Q.ENGINE_TORQUE: torque,
+            Q.SHAFT1_SPEED: w,
+            Q.SHAFT2_SPEED: w * R[2] / R_1,
+            Q.GEAR1: 1,
+            Q.GEAR2: 2,
+            Q.CLUTCH1_POSITION: 10.0,
+            Q.CLUTCH2_POSITION: 0.0,
+            Q.WHEEL_SPEED_FL: wheel,
+            Q.WHEEL_SPEED_FR: wheel,
+            Q.WHEEL_SPEED_RL: wheel,
+            Q.WHEEL_SPEED_RR: wheel,
+        }
+
+    return values, T_c, T_o

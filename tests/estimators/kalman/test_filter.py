@@ -7,8 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from dctorque_can.config.load import load_config
-from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman import engine, faults, gearbox
+from dctorque_can.estimators.kalman import engine, faults
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman import noise as kalman_noise
 from dctorque_can.estimators.kalman.faults import SensorFault
@@ -310,55 +309,6 @@ def test_a_frame_that_is_late_says_less(tables):
     np.testing.assert_allclose(f["P"], P, atol=1e-12)
 
 
-def test_losses_do_not_follow_the_noise(tables):
-    """A locked clutch drives down to −(2 N·m + σ), and is driven up to as much; an open one has no band."""
-    k = new_filter(tables)
-    f = k.state[0]
-    decisions = []
-    for torque in (-11.9, -12.1, 11.9, 12.1):
-        f["x"][State.T_C1] = torque
-        f["P"][State.T_C1, State.T_C1] = 10.0**2
-        gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
-        decisions.append(bool(f["drives"][0]))
-    assert decisions == [True, False, False, True]
-    f["x"][State.T_C2] = -0.1
-    gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
-    assert not f["drives"][1]
-
-
-def test_friction_follows_the_slip(tables):
-    """With 50 rad/s of slip a slipping clutch drives, whatever the filter thinks of its torque."""
-    k = new_filter(tables)
-    f = k.state[0]
-    f["x"][State.T_C1] = -60.0
-    gearbox.decide_directions(f, k.tuning[0], SLIPPING, OPEN)
-    assert f["drives"][0]
-    f["x"][State.W_E] = 100.0  # slower than the shaft
-    gearbox.decide_directions(f, k.tuning[0], SLIPPING, OPEN)
-    assert not f["drives"][0]
-
-
-def test_turned_losses_do_not_prove_zero_torque(tables):
-    """The losses turn at −20 ± 10 N·m: what is known of clutch and output torque together must not pull to zero.
-
-    Before, T_o = R η T_c was known to 1 N·m; then T_o = R T_c/η is told with as little doubt.
-    """
-    k = new_filter(tables)
-    f, gear = k.state[0], VEHICLE.gear(1)
-    efficiency = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency
-    stiffness = VEHICLE.output_shaft.stiffness_nm_per_rad
-    line = np.zeros(N)
-    line[[State.T_C1, State.TH_O]] = 1.0, gear.total_ratio * efficiency / stiffness
-    f["P"][:] = 10.0**2 * np.outer(line, line) + 1e-9 * np.eye(N)
-    f["x"][:] = -20.0 * line
-    gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
-    assert not f["drives"][0]
-    H = np.zeros(N)
-    H[State.TH_O], H[State.T_C1] = stiffness, -gear.total_ratio / efficiency
-    x, _ = dense_update(f["x"].copy(), f["P"].copy(), H, 0.0, 1.0)
-    assert x[State.T_C1] == pytest.approx(-20.0, abs=10.0)
-
-
 @pytest.mark.parametrize(("speed", "counts"), [(0.0, 0), (-1e-14, 0), (0.01, 1)])
 def test_what_is_told_as_zero_is_no_innovation(tables, speed, counts):
     """Nor does it teach that the sensor had no noise."""
@@ -368,41 +318,3 @@ def test_what_is_told_as_zero_is_no_innovation(tables, speed, counts):
     faults.measure_gated(f, k.tuning[0], 4, State.W_B, speed, 0.01, 1e9)
     assert f["taken"][4] == counts
     assert (f["noise_ratio"][4] != 1.0) == bool(counts)
-
-
-def test_neutral_publishes_drag_alone(tables):
-    """The synchroniser's torque is not the clutch's: 0.005 N·m·s/rad · 50 rad/s."""
-    k = new_filter(tables)
-    f = k.state[0]
-    gearbox.change_gears(f, k.tuning[0], 0, 2)
-    f["x"][State.T_C1] = 77.0
-    gearbox.work_out_torques(f, k.tables, k.tuning[0])
-    gearbox.work_out_deviations(f, k.tables, k.tuning[0])
-    assert f["T_c1"] == pytest.approx(VEHICLE.clutches[0].drag_nms_per_rad * 50.0)
-    assert f["sigma_1"] == pytest.approx(
-        np.hypot(DESIGN.open_torque_nm, DESIGN.open_drag_error_nms_per_rad * 50.0)
-    )
-    assert f["correlation"] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("gears", "phases"), [((0, 2), (0, 2)), ((0, 2), (0, 1)), ((1, 0), (2, 0)), ((1, 2), (2, 0))]
-)
-def test_a_synchroniser_may_pull_at_any_moment(tables, gears, phases):
-    """On the output shaft by its ratio, and on a clutch beside it that is locked: anything from none to all."""
-    k = new_filter(tables)
-    f, tuning = k.state[0], k.tuning[0]
-    gearbox.change_gears(f, tuning, *gears)
-    gearbox.work_out_deviations(f, k.tables, tuning)
-    before = np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]])
-    gearbox.admit_synchronisers(f, tuning, *phases)
-    added = np.sqrt(np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]]) ** 2 - before**2)
-    expected = np.zeros(3)
-    if 0 in gears:
-        shaft = gears.index(0)
-        spread = DESIGN.synchroniser_torque_nm / np.sqrt(12.0)  # of a uniform distribution
-        expected[2] = spread * np.mean([abs(gear.total_ratio) for gear in VEHICLE.gears_on(shaft + 1)])
-        if phases[1 - shaft] == ClutchPhase.LOCKED:
-            (gear,) = (gear for gear in VEHICLE.gears_on(2 - shaft) if gear.number == gears[1 - shaft])
-            expected[1 - shaft] = expected[2] / abs(gear.total_ratio)
-    np.testing.assert_allclose(added, expected, rtol=1e-9, atol=1e-6)

@@ -21,6 +21,8 @@ from dctorque_can.estimators.kalman.model import STEPS_US, N, State, process_cov
 from dctorque_can.estimators.kalman.tuning import tuning as tuning_of
 from dctorque_can.resources import shipped_config
 
+from .with_past import WithPast
+
 SETTINGS = load_config(shipped_config("paper_car")).settings
 DESIGN = replace(
     SETTINGS.kalman,
@@ -122,13 +124,6 @@ def inverse(P):
     return rows[:, n:]
 
 
-def dense_update(x, P, i, z, R):
-    H = np.eye(len(x))[i]
-    K = P @ H / (H @ P @ H + R)
-    rest = np.eye(len(x)) - np.outer(K, H)
-    return x + K * (z - x[i]), rest @ P @ rest.T + R * np.outer(K, K)
-
-
 def test_it_is_the_textbooks_smoother(tables):
     """12 frames, 5 ms (two steps) and 16 ms (twice the same) apart, with all speeds in every second one."""
     random = np.random.default_rng(5)
@@ -166,32 +161,6 @@ def test_it_is_the_textbooks_smoother(tables):
     M = torques_of(k)
     for found, n in zip(smooth(k), published, strict=True):
         assert_same(found, M, *(matrix.astype(float) for matrix in smoothed[n]))
-
-
-class WithPast:
-    """A filter whose state is the present one and those of all estimates so far."""
-
-    def __init__(self, f):
-        self.x, self.P = f["x"].copy(), f["P"].copy()
-
-    def remember(self):
-        join = np.vstack([np.eye(len(self.x)), np.eye(N, len(self.x))])
-        self.x, self.P = join @ self.x, join @ self.P @ join.T
-
-    def predict(self, F, b, Q):
-        whole = np.eye(len(self.x))
-        whole[:N, :N] = F
-        self.x, self.P = whole @ self.x, whole @ self.P @ whole.T
-        self.x[:N] += b
-        self.P[:N, :N] += Q
-
-    def measure(self, i, z, R):
-        self.x, self.P = dense_update(self.x, self.P, i, z, R)
-
-    def forget(self, i, value, variance):
-        self.x[i] = value
-        self.P[i], self.P[:, i] = 0.0, 0.0
-        self.P[i, i] = variance
 
 
 def test_whatever_the_filter_does_is_undone(tables):

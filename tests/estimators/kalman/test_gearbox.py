@@ -1,0 +1,129 @@
+"""What is known of the gearbox: directions of losses, drag in neutral, what the deviations contain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dctorque_can.config.load import load_config
+from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators.kalman import filter as kalman
+from dctorque_can.estimators.kalman import gearbox
+from dctorque_can.estimators.kalman.model import N, State
+from dctorque_can.resources import shipped_config
+
+SETTINGS = load_config(shipped_config("paper_car")).settings
+DESIGN = replace(SETTINGS.kalman, timing_error_s=0.0, engine_torque_delay_s=0.0, parameter_error_share=0.0)
+VEHICLE = SETTINGS.vehicle
+OPEN, SLIPPING, LOCKED = 0, 1, 2
+
+
+def new_filter():
+    """A filter in first and second gear, started at 200, 150, 100 and 10 rad/s, with 80 N·m."""
+    k = kalman.new(VEHICLE, DESIGN)
+    k.state[0]["gear"][:] = 1, 2
+    kalman.start(k.state[0], k.tuning[0], 200.0, 150.0, 100.0, 10.0, 80.0)
+    return k
+
+
+def test_losses_do_not_follow_the_noise():
+    """A locked clutch drives down to −(2 N·m + σ), and is driven up to as much; an open one has no band."""
+    k = new_filter()
+    f = k.state[0]
+    decisions = []
+    for torque in (-11.9, -12.1, 11.9, 12.1):
+        f["x"][State.T_C1] = torque
+        f["P"][State.T_C1, State.T_C1] = 10.0**2
+        gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
+        decisions.append(bool(f["drives"][0]))
+    assert decisions == [True, False, False, True]
+    f["x"][State.T_C2] = -0.1
+    gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
+    assert not f["drives"][1]
+
+
+def test_friction_follows_the_slip():
+    """With 50 rad/s of slip a slipping clutch drives, whatever the filter thinks of its torque."""
+    k = new_filter()
+    f = k.state[0]
+    f["x"][State.T_C1] = -60.0
+    gearbox.decide_directions(f, k.tuning[0], SLIPPING, OPEN)
+    assert f["drives"][0]
+    f["x"][State.W_E] = 100.0  # slower than the shaft
+    gearbox.decide_directions(f, k.tuning[0], SLIPPING, OPEN)
+    assert not f["drives"][0]
+
+
+def test_turned_losses_do_not_prove_zero_torque():
+    """The losses turn at −20 ± 10 N·m: what is known of clutch and output torque together must not pull to zero.
+
+    Before, T_o = R η T_c was known to 1 N·m; then T_o = R T_c/η is told with as little doubt.
+    """
+    k = new_filter()
+    f, gear = k.state[0], VEHICLE.gear(1)
+    efficiency = VEHICLE.gear_efficiency * VEHICLE.final_drive_efficiency
+    stiffness = VEHICLE.output_shaft.stiffness_nm_per_rad
+    line = np.zeros(N)
+    line[[State.T_C1, State.TH_O]] = 1.0, gear.total_ratio * efficiency / stiffness
+    f["P"][:] = 10.0**2 * np.outer(line, line) + 1e-9 * np.eye(N)
+    f["x"][:] = -20.0 * line
+    gearbox.decide_directions(f, k.tuning[0], LOCKED, OPEN)
+    assert not f["drives"][0]
+    H = np.zeros(N)
+    H[State.TH_O], H[State.T_C1] = stiffness, -gear.total_ratio / efficiency
+    gain = f["P"] @ H / (H @ f["P"] @ H + 1.0)
+    x = f["x"] - gain * (H @ f["x"])
+    assert x[State.T_C1] == pytest.approx(-20.0, abs=10.0)
+
+
+def test_neutral_publishes_drag_alone():
+    """The synchroniser's torque is not the clutch's: 0.005 N·m·s/rad · 50 rad/s."""
+    k = new_filter()
+    f = k.state[0]
+    gearbox.change_gears(f, k.tuning[0], 0, 2)
+    f["x"][State.T_C1] = 77.0
+    gearbox.work_out_torques(f, k.tables, k.tuning[0])
+    gearbox.work_out_deviations(f, k.tables, k.tuning[0])
+    assert f["T_c1"] == pytest.approx(VEHICLE.clutches[0].drag_nms_per_rad * 50.0)
+    assert f["sigma_1"] == pytest.approx(
+        np.hypot(DESIGN.open_torque_nm, DESIGN.open_drag_error_nms_per_rad * 50.0)
+    )
+    assert f["correlation"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("gears", "phases"), [((0, 2), (0, 2)), ((0, 2), (0, 1)), ((1, 0), (2, 0)), ((1, 2), (2, 0))]
+)
+def test_a_synchroniser_may_pull_at_any_moment(gears, phases):
+    """On the output shaft by its ratio, and on a clutch beside it that is locked: anything from none to all."""
+    k = new_filter()
+    f, tuning = k.state[0], k.tuning[0]
+    gearbox.change_gears(f, tuning, *gears)
+    gearbox.work_out_deviations(f, k.tables, tuning)
+    before = np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]])
+    gearbox.admit_synchronisers(f, tuning, *phases)
+    added = np.sqrt(np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]]) ** 2 - before**2)
+    expected = np.zeros(3)
+    if 0 in gears:
+        shaft = gears.index(0)
+        spread = DESIGN.synchroniser_torque_nm / np.sqrt(12.0)  # of a uniform distribution
+        expected[2] = spread * np.mean([abs(gear.total_ratio) for gear in VEHICLE.gears_on(shaft + 1)])
+        if phases[1 - shaft] == ClutchPhase.LOCKED:
+            (gear,) = (gear for gear in VEHICLE.gears_on(2 - shaft) if gear.number == gears[1 - shaft])
+            expected[1 - shaft] = expected[2] / abs(gear.total_ratio)
+    np.testing.assert_allclose(added, expected, rtol=1e-9, atol=1e-6)
+
+
+def test_deviations_contain_what_lasts():
+    """They are those of M (P + Σ s sᵀ) Mᵀ, where M gives both clutch torques and the output torque."""
+    k = new_filter()
+    f, random = k.state[0], np.random.default_rng(4)
+    root = random.standard_normal((N, N))
+    f["P"][:], f["lasting"][:] = root @ root.T, 3.0 * random.standard_normal((2, N))
+    gearbox.work_out_deviations(f, k.tables, k.tuning[0])
+    M = np.zeros((3, N))
+    M[0, State.T_C1] = M[1, State.T_C2] = 1.0
+    M[2] = k.tables.output
+    V = M @ (f["P"] + f["lasting"].T @ f["lasting"]) @ M.T
+    np.testing.assert_allclose([f["sigma_1"], f["sigma_2"], f["sigma_o"]], np.sqrt(np.diag(V)), rtol=1e-12)
+    assert f["correlation"] == pytest.approx(V[0, 1] / np.sqrt(V[0, 0] * V[1, 1]))
