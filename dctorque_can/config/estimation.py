@@ -195,6 +195,8 @@ class KalmanSection(Section):
     """What the tyres' torque does beside following the clutches, as a share of their rate at the wheel."""
     tyre_slip_stiffness: Annotated[float, Field(ge=0, le=100)] = 25.0
     """Longitudinal force of the driven tyres by slip and load, which damps the driven wheels against the car."""
+    tyre_friction: Annotated[float, Field(gt=0, le=3)] = 1.1
+    """Largest force of a tyre by its load, on a dry road: while driven wheels slip, any less may act."""
     parameter_error_share: Annotated[float, Field(ge=0, le=1)] = 0.2
     """Error of mass, inertias and stiffnesses together, as a share."""
     engine_torque_error_nm: Annotated[float, Field(gt=0, le=1000)] = 3.0

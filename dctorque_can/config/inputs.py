@@ -17,10 +17,11 @@ from dctorque_can.config.signals import (
     GearSignalSection,
     InputSection,
     ProtectionSection,
+    SpeedSection,
     TermSection,
 )
 from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit
-from dctorque_can.pipeline.samples import Input, Protection, Quantity, Term
+from dctorque_can.pipeline.samples import Input, Protection, Quantity, Signs, Term
 
 ANY = (-1e12, 1e12)
 PLAUSIBLE = {
@@ -45,13 +46,13 @@ SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no val
 class WheelSpeedsSection(Section):
     """The wheels that the bus tells; front left, front right, rear left, rear right."""
 
-    fl: InputSection | None = None
+    fl: SpeedSection | None = None
     """Speed of the front left wheel."""
-    fr: InputSection | None = None
+    fr: SpeedSection | None = None
     """Speed of the front right wheel."""
-    rl: InputSection | None = None
+    rl: SpeedSection | None = None
     """Speed of the rear left wheel."""
-    rr: InputSection | None = None
+    rr: SpeedSection | None = None
     """Speed of the rear right wheel."""
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
@@ -66,9 +67,9 @@ class InputsSection(Section):
     """Engine speed."""
     engine_torque: InputSection
     """Nominal net engine torque T_en at the flywheel (indicated minus friction)."""
-    shaft1_speed: InputSection | None = None
+    shaft1_speed: SpeedSection | None = None
     """Speed of input shaft 1, behind clutch 1; only the method kalman can do without it."""
-    shaft2_speed: InputSection | None = None
+    shaft2_speed: SpeedSection | None = None
     """Speed of input shaft 2, behind clutch 2; only the method kalman can do without it."""
     wheel_speeds: WheelSpeedsSection
     """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
@@ -153,7 +154,8 @@ class InputBuilder:
             factors.append(factor)
         lowest, highest = self._range(path, section, quantity, factors)
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay)
+        signs = self._signs(path, section, terms)
+        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs)
         self._append(path, given, units, self._resolution(terms))
 
     def add_mapped(
@@ -238,6 +240,26 @@ class InputBuilder:
             if signal is not None and not signal.conversion.is_float:
                 steps.append(term.factor * signal.scale)
         return math.hypot(*steps)
+
+    def _signs(self, path: KeyPath, section: InputSection, terms: Iterable[Term]) -> Signs:
+        """Return whether a speed has a sign: as the key says, else as far as the DBC does."""
+        if not isinstance(section, SpeedSection):
+            return Signs.SIGNED
+        possible = any(self._can_be_negative(term) for term in terms)
+        if section.signed and not possible:
+            reason = "the DBC has no negative values for it: a car that rolls backwards is told as going forwards"
+            self._warn((*path, "signed"), reason)
+        if section.signed is None:
+            return Signs.UNTOLD if possible else Signs.UNSIGNED
+        return Signs.SIGNED if section.signed else Signs.UNSIGNED
+
+    def _can_be_negative(self, term: Term) -> bool:
+        """Return whether a term of a speed can be negative: yes where the DBC is not known."""
+        signal = self._signal(f"{term.message}.{term.signal}")
+        if signal is None or signal.conversion.is_float:
+            return signal is None or signal.minimum is None or signal.minimum < 0
+        ends = (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1) if signal.is_signed else (0, 2**signal.length - 1)
+        return any(term.factor * (signal.scale * raw + signal.offset) + term.offset < 0.0 for raw in ends)
 
     def _unit(self, path: KeyPath, term: TermSection, dimension: Dimension) -> tuple[str, float]:
         """Return the unit of a signal and its factor to SI; 1 where there is none to be found."""

@@ -122,6 +122,13 @@ class InputSection(Section):
         ]
 
 
+class SpeedSection(InputSection):
+    """The speed of a wheel or a shaft."""
+
+    signed: bool | None = None
+    """Whether it is negative when the car rolls backwards; default: no, until a negative value comes."""
+
+
 class GearSignalSection(Section):
     """The signal with the gear that is engaged on one shaft."""
 

@@ -27,6 +27,7 @@ INPUTS = np.dtype(
         ("delay_us", "i8", (N_QUANTITIES,)),
         ("driven_axle", "i8"),  # DrivenAxle
         ("infer_gears", "u1"),
+        ("magnitudes", "u1"),  # some speed of wheels or shafts is, or may be, told without its sign
         ("step_us", "i8"),  # of an estimator that goes on in steps of a grid
         ("torque_limit", "f8", (2,)),  # N·m, beyond which a clutch torque is not plausible
         ("output_limit", "f8"),
@@ -34,6 +35,10 @@ INPUTS = np.dtype(
         ("t_us", "i8"),  # the present; NEVER before the first sample
         ("origin_us", "i8"),  # where the grid and all periods begin, so that only differences of time matter
         ("value", "f8", (N_QUANTITIES,)),
+        ("signs", "u1", (N_QUANTITIES,)),  # of speeds: `samples.Signs`
+        ("direction", "i8"),  # of the car: 1 forwards, −1 backwards, 0 not known
+        ("heading", "i8"),  # … that the signs of the values stand on: ±1
+        ("doubt", "f8"),  # … and the probability that it is the other one
         ("seen_us", "i8", (N_QUANTITIES,)),
         ("available", "u1", (N_QUANTITIES,)),
         ("stale", "u1", (N_QUANTITIES,)),

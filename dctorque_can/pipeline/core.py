@@ -18,7 +18,7 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import contract
-from dctorque_can.pipeline import delays, derived
+from dctorque_can.pipeline import delays, derived, direction
 from dctorque_can.pipeline.decisions import decide_gears, decide_phases, follow_speeds, judge_speeds, mark_stale
 from dctorque_can.pipeline.parts import Parts
 from dctorque_can.pipeline.rows import publish, report
@@ -150,6 +150,7 @@ def take(p: Parts, rules: Any, queue: Any, place: int, t_us: int) -> None:
     if place >= 0:
         keep_values(inputs, queue.waiting[place])
     mark_stale(inputs, rules, health)
+    direction.follow(core.direction, inputs, rules, answer)
     w_e = follow_speeds(inputs, answer)
     decide_gears(core, inputs, rules)
     decide_phases(core, inputs, rules, w_e)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.driveline.parameters import GEARS
+from dctorque_can.driveline.parameters import GEARS, STANDARD_GRAVITY
 from dctorque_can.driveline.phase_decision import NEVER, closing_band
+from dctorque_can.pipeline.direction import DIRECTION, SIGNED, first_direction
 from dctorque_can.pipeline.samples import N_QUANTITIES
 from dctorque_can.pipeline.settings import Settings
 from dctorque_can.pipeline.thresholds import CAPACITY_MARGIN, PLAUSIBLE_WHEEL_SPEED, WIDEST
@@ -34,6 +35,9 @@ RULES = np.dtype(
         ("slip_locked", "f8"),
         ("slip_released", "f8"),
         ("lock_time_us", "i8"),
+        ("inertia", "f8"),  # of the car at the wheel, kg·m²
+        ("weight", "f8"),  # … and the torque at the wheel of a vertical road, N·m
+        ("efficiency", "f8"),  # of gears and final drive
         ("heats", "u1", (2,)),  # the vehicle file has the clutch's thermal data
         ("heat_capacity", "f8", (2,)),  # J/K
         ("cooling", "f8", (2,)),  # W/K
@@ -54,6 +58,7 @@ CORE = np.dtype(
         ("estimate_us", "i8"),
         ("health_us", "i8"),
         ("status", "u4"),  # of the last estimate
+        ("direction", DIRECTION),
     ],
     align=True,
 )
@@ -76,6 +81,10 @@ def rules(settings: Settings) -> NDArray[np.void]:
     r["max_step_back_us"] = settings.max_step_back_us
     for gear in settings.vehicle.gears:
         r["ratio"][gear.number + 1], r["shaft"][gear.number + 1] = gear.total_ratio, gear.shaft
+    vehicle, chassis = settings.vehicle, settings.vehicle.chassis
+    r["inertia"] = chassis.inertia_kgm2
+    r["weight"] = chassis.mass_kg * STANDARD_GRAVITY * chassis.wheel_radius_m
+    r["efficiency"] = vehicle.gear_efficiency * vehicle.final_drive_efficiency
     inference, phases = settings.gear_inference, settings.phases
     r["min_wheel_speed"] = PLAUSIBLE_WHEEL_SPEED
     if inference is not None:
@@ -104,6 +113,9 @@ def first_inputs(settings: Settings, inputs: NDArray[np.void]) -> None:
     for item in settings.inputs:
         r["mapped"][item.quantity] = True
         r["delay_us"][item.quantity] = item.delay_us
+        r["signs"][item.quantity] = item.signs
+        r["magnitudes"] |= item.signs != SIGNED
+    r["heading"] = r["direction"] = 1
     r["driven_axle"], r["step_us"] = settings.driven_axle, settings.step_us
     r["infer_gears"] = settings.gear_inference is not None
     limits = [CAPACITY_MARGIN * clutch.static_capacity_nm for clutch in settings.vehicle.clutches]
@@ -117,3 +129,4 @@ def first_core(core: NDArray[np.void]) -> None:
     """Make ``core``, a `CORE` ``[1]`` of zeros, what it is before the first frame."""
     for name in ("arrived_us", "candidate_us", "slip_small_us", "implausible_us", "estimate_us", "health_us"):
         core[name] = NEVER
+    first_direction(core["direction"])

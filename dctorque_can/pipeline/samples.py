@@ -58,6 +58,14 @@ class SampleStatus(IntEnum):
     BAD_COUNTER = 5
 
 
+class Signs(IntEnum):
+    """Whether a speed says which way something turns."""
+
+    SIGNED = 0
+    UNSIGNED = 1  # a magnitude: teeth are counted, whichever way they pass
+    UNTOLD = 2  # the one or the other: signed as soon as it has been negative
+
+
 @dataclass(frozen=True, slots=True)
 class Samples:
     """``n`` samples in order of arrival.
@@ -127,6 +135,7 @@ class Input:
         maximum: SI; a larger sum is `SampleStatus.OUT_OF_RANGE`.
         timeout_us: time since its last frame at which the input is stale.
         delay_us: from when a sample is taken to the time of its frame.
+        signs: of a speed of wheels or shafts, whether it has one.
     """
 
     quantity: Quantity
@@ -135,6 +144,7 @@ class Input:
     maximum: float
     timeout_us: int
     delay_us: int = 0
+    signs: Signs = Signs.SIGNED
 
 
 @dataclass(frozen=True, slots=True)

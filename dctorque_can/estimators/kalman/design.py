@@ -26,6 +26,7 @@ class KalmanDesign:
     held_load_rate_nm_per_sqrt_s: float  # … when the car stops or brakes, while the brakes change
     tyre_torque_share: float  # of a clutch torque's rate at the wheel, what the tyres' torque does beside it
     tyre_slip_stiffness: float  # force of the driven tyres by slip and load
+    tyre_friction: float  # largest force of a tyre by its load
     parameter_error_share: float  # of mass, inertias and stiffnesses
     engine_torque_error_nm: float  # of the nominal engine torque, when there is none
     engine_torque_error_share: float  # … and its growth with the torque

@@ -49,6 +49,7 @@ from dctorque_can.estimators.kalman.noise import (
     admit_parameter_errors,
     decide_brake_rate,
     decide_rates,
+    decide_spin_rate,
     engine_variance,
     process_noise,
 )
@@ -87,6 +88,8 @@ FILTER = np.dtype(
         ("recent_inertial", "f8"),
         ("recent_twist", "f8", (4,)),  # rad, likewise TH_D … TH_O
         ("brake_rate", "f8"),  # N·m/√s, how fast brakes may change the load now
+        ("spin_rate", "f8"),  # N·m/√s, how fast the tyres' torque may change since they slip
+        ("spins", "u1"),
         ("brakes", "u1"),  # whether they act, and whether the car stands
         ("stands", "u1"),
         ("T_en", "f8"),  # nominal engine torque, behind the engine's lag
@@ -100,6 +103,8 @@ FILTER = np.dtype(
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
         ("gear", "i8", (2,)),
         ("drives", "u1", (2,)),  # direction of the losses
+        ("against", "u1", (2,)),  # the shaft turns against the engine: the car rolls against its gear
+        ("heading", "i8"),  # ±1, the direction of the car that the speeds were measured in
         ("started", "u1"),  # once
         ("running", "u1"),
         ("reset_us", "i8"),  # when it was started
@@ -190,11 +195,13 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.T_en = f.told = f.told_before = f.recent_torque = T_en
     f.recent_output = f.recent_load = f.recent_inertial = f.T_o = 0.0
     f.brake_rate, f.brakes, f.stands = 0.0, False, False
+    f.spin_rate, f.spins = 0.0, False
     for i in range(2):
         f.torque_rate[i] = tuning.rate[_OPEN]
     for i in range(4):
         f.recent_twist[i] = 0.0
     f.drives[0] = f.drives[1] = True
+    f.against[0] = f.against[1] = False
     f.lasts[0] = f.lasts[1] = False
     for i in range(N):
         f.rate[i] = f.lasting[0, i] = f.lasting[1, i] = 0.0
@@ -222,6 +229,7 @@ def predict(
     seconds = max(rest // FINEST_US, 0) * FINEST_US * 1e-6
     decide_rates(f, tuning, phase_1, phase_2, seconds)
     decide_brake_rate(f, tuning, brakes, stands, seconds)
+    decide_spin_rate(f, tuning, seconds)
     admit_parameter_errors(f, tuning, seconds)
     if rest < FINEST_US:  # another frame at the same instant
         return

@@ -30,15 +30,19 @@ from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hin
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
-from dctorque_can.estimators.kalman.filter import Kalman
+from dctorque_can.estimators.kalman.filter import Kalman, measure
 from dctorque_can.estimators.kalman.learning import noise_factor
 from dctorque_can.estimators.kalman.model import DT_E, GAIN, W_B, W_C1, W_D, W_E, N
 from dctorque_can.estimators.kalman.noise import engine_variance
 from dctorque_can.estimators.kalman.thresholds import BRIDGED_US, FASTEST_WHEEL, IMPLAUSIBLE_TORQUE
-from dctorque_can.estimators.kalman.wheels import measure_axle, stand_in_for_undriven
+from dctorque_can.estimators.kalman.wheels import keep_driven_near, measure_axle, stand_in_for_undriven
+from dctorque_can.pipeline.samples import Signs
 
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
 _REAR_WHEEL = WHEEL + 2
+_SLOW = 2.0  # rad/s at the wheel, below which a shaft winds up or rings the other way than the car goes
+_CLEAR = 2.0  # logarithm of the odds of a sign that is clear
+_SIGNED = int(Signs.SIGNED)
 _OPEN = int(ClutchPhase.OPEN)
 _NONE, _SPIKE, _STUCK, _BIASED, _MISSING = (int(fault) for fault in SensorFault)
 
@@ -107,15 +111,29 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     take_torque(inputs, f, tuning, (f.t_us - before_us) * 1e-6)
     gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
     gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
+    if inputs.direction == 0 and not (stands and braking(inputs)):
+        gearbox.let_roll(f, tuning, (f.t_us - before_us) * 1e-6)
+    elif inputs.magnitudes and inputs.heading != f.heading and f.x[W_B] * inputs.heading < 0.0:
+        gearbox.turn_round(f, tuning)
+    f.heading = inputs.heading
     measure_speed(inputs, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.fastest_engine)
+    sure = inputs.direction != 0  # else slip and twist have no sign either, and only the body's speed is taken
     for i in range(2):
-        fastest = FASTEST_WHEEL * abs(tuning.ratio[i, inputs.gear[i] + 1]) if inputs.gear[i] != 0 else math.inf
-        measure_speed(inputs, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, fastest)
+        geared = inputs.gear[i] != 0
+        fastest = FASTEST_WHEEL * abs(tuning.ratio[i, inputs.gear[i] + 1]) if geared else math.inf
+        slow = abs(inputs.value[SPEED_1 + i]) < _SLOW * abs(tuning.ratio[i, inputs.gear[i] + 1])
+        if geared and inputs.signs[SPEED_1 + i] != _SIGNED and (slow if sure else stands):
+            measure_magnitude(inputs, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i)
+        elif sure or not geared:
+            measure_speed(inputs, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, fastest)
+    if not sure:
+        keep_driven_near(inputs, f, (f.t_us - before_us) * 1e-6)
     rear = inputs.driven_axle == DrivenAxle.REAR
-    measure_axle(inputs, f, tuning, WHEEL, not rear, _UNDRIVEN if rear else _DRIVEN)
-    measure_axle(
-        inputs, f, tuning, _REAR_WHEEL, inputs.driven_axle != DrivenAxle.FRONT, _DRIVEN if rear else _UNDRIVEN
-    )
+    if sure or rear:
+        measure_axle(inputs, f, tuning, WHEEL, not rear, _UNDRIVEN if rear else _DRIVEN)
+    if sure or inputs.driven_axle == DrivenAxle.FRONT:
+        driven = inputs.driven_axle != DrivenAxle.FRONT
+        measure_axle(inputs, f, tuning, _REAR_WHEEL, driven, _DRIVEN if rear else _UNDRIVEN)
     stand_in_for_undriven(inputs, f)
     take_hints(inputs, f, tuning, phase_1, phase_2)
     gearbox.decide_directions(f, tuning, phase_1, phase_2)
@@ -140,6 +158,7 @@ def begin(inputs: Any, k: Kalman) -> None:
     f, tuning = k.state[0], k.tuning[0]
     f.t_us = inputs.t_us
     f.gear[0], f.gear[1] = inputs.gear[0], inputs.gear[1]
+    f.heading = inputs.heading
     _, w_w, _, _, _ = wheel_speeds(inputs)
     w_1 = shaft_speed(inputs, tuning, 0, w_w)
     w_2 = shaft_speed(inputs, tuning, 1, w_w)
@@ -243,6 +262,21 @@ def measure_speed(
             faults.measure_gated(f, tuning, sensor, state, z, variance, fastest)
     elif inputs.stale[quantity] and inputs.mapped[quantity]:
         faults.leave_out(f, sensor, _MISSING)
+
+
+@compiled_without_allocation
+def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int) -> None:
+    """Take a new speed without sign of a shaft that winds up, or rings, while the car stands or nearly does.
+
+    It has the sign that is predicted, if that is clear. Zero may be one that the sensor does not see.
+    """
+    if not inputs.fresh[quantity]:
+        return
+    z, x = abs(inputs.value[quantity]), f.x[state]
+    variance = tuning.speed_variance[sensor] * noise_factor(f, tuning, sensor)
+    S = f.P[state, state] + variance
+    if 2.0 * abs(x) * z > _CLEAR * S and (z - abs(x)) ** 2 <= tuning.gate * S:
+        measure(f, state, math.copysign(z, x), variance)
 
 
 @compiled_without_allocation

@@ -23,6 +23,7 @@ from dctorque_can.estimators.kalman.model import (
     W_C1,
     W_D,
     W_E,
+    W_O,
     Tables,
 )
 from dctorque_can.estimators.kalman.tuning import SLIDING
@@ -31,6 +32,10 @@ _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _NEUTRAL_TRUST = 100.0  # variances: so weakly that it only keeps a synchroniser's torque from running away
 _REVERSAL_NM = 2.0  # beyond zero at which the losses change their direction
 _REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
+_SOONEST = 0.005  # s, in which a speed that is not believed may have come about
+_AGAINST = 5.0  # rad/s, from which a shaft turns against the engine
+_ROLLING = 4.0  # rad/s/√s at the wheel by which a car may be faster or slower than its speeds let one think
+_TURNED = 0.1  # (rad/s)², variance at the wheel of speeds that have been turned round
 
 
 @compiled_without_allocation
@@ -56,18 +61,23 @@ def decide_directions(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
     """Decide where losses go.
 
     Friction follows the slip. Else the sign of the torque decides, with a band: a choice that followed the noise
-    would make two models of one torque contradict each other.
+    would make two models of one torque contradict each other. A car that rolls against its gear drives a clutch
+    that pulls the other way.
     """
     for i in range(2):
         phase, torque = phase_1 if i == 0 else phase_2, f.x[T_C1 + i]
+        pulled = bool(f.drives[i]) != bool(f.against[i])
+        if abs(f.x[W_C1 + i]) > _AGAINST:
+            f.against[i] = f.x[W_C1 + i] < 0.0
         if phase == _OPEN:
-            f.drives[i] = torque >= 0.0
+            f.drives[i] = (torque >= 0.0) != bool(f.against[i])
             continue
         slip = f.x[W_E] - f.x[W_C1 + i]
         band = _REVERSAL_NM + _REVERSAL_SIGMA * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0))
-        drives = torque > -band if f.drives[i] else torque > band
+        pulls = torque > -band if pulled else torque > band
         if phase == _SLIPPING and abs(slip) > SLIDING:
-            drives = slip > 0.0
+            pulls = slip > 0.0
+        drives = pulls != bool(f.against[i])
         if drives != bool(f.drives[i]):
             f.drives[i] = drives
             turn_losses(f, tuning, i)
@@ -89,6 +99,40 @@ def turn_losses(f: Any, tuning: Any, i: int) -> None:
     for k in range(4):
         for m in range(4):
             f.P[places[k], places[m]] += variance * shares[k] * shares[m]
+
+
+@compiled_without_allocation
+def let_roll(f: Any, tuning: Any, seconds: float) -> None:
+    """Let the car be faster or slower than before: a speed without sign says nothing of its acceleration.
+
+    Wheels, output shaft and shafts in gear are made uncertain together, so that what is known of their slip and
+    twist stays.
+    """
+    variance = _ROLLING * _ROLLING * seconds
+    for a in range(5):
+        i, share = _rolling_state(f, tuning, a)
+        for b in range(5):
+            j, other = _rolling_state(f, tuning, b)
+            f.P[i, j] += variance * share * other
+
+
+@compiled_without_allocation
+def _rolling_state(f: Any, tuning: Any, k: int) -> tuple[int, float]:
+    """Return the k-th of the states that a rolling car turns, and how fast it turns with the wheels."""
+    if k < 2:
+        return W_C1 + k, float(tuning.ratio[k, f.gear[k] + 1])  # zero in neutral
+    return W_O + k - 2, 1.0
+
+
+@compiled_without_allocation
+def turn_round(f: Any, tuning: Any) -> None:
+    """Turn the speeds of the car: it goes the other way than was taken for granted."""
+    for k in range(5):
+        i, share = _rolling_state(f, tuning, k)
+        if share != 0.0:
+            forget(f, i, -f.x[i], share * share * _TURNED)
+    for sensor in range(1, len(f.accepted)):  # shafts and wheels
+        f.accepted[sensor] = math.nan
 
 
 @compiled_without_allocation
@@ -151,6 +195,37 @@ def work_out_deviations(f: Any, tables: Tables, tuning: Any) -> None:
         f.sigma_2 = open_deviation(tuning, f.x[W_D] - f.x[W_C1 + 1])
     if f.gear[0] == 0 or f.gear[1] == 0:
         f.correlation = 0.0
+
+
+@compiled_without_allocation
+def admit_either_direction(f: Any, tuning: Any, doubt: float) -> None:
+    """Let the output torque be as uncertain as losses make it that perhaps go the other way.
+
+    Args:
+        f: filter.
+        tuning: of it.
+        doubt: probability that they do.
+    """
+    share = math.sqrt(doubt * (1.0 - doubt))
+    for i in range(2):
+        span = share * tuning.loss_span[i, f.gear[i] + 1] * f.x[T_C1 + i]  # zero in neutral
+        f.sigma_o = math.hypot(f.sigma_o, span)
+
+
+@compiled_without_allocation
+def admit_motion(f: Any, tuning: Any) -> None:
+    """Let the torques be as uncertain as speeds make them that are not believed, should they be true.
+
+    A first speed beyond its gate is taken for a spike; a clutch that gives way looks the same until the next ones
+    come. It would be the torque that turns the engine's inertia by so much since the last speed that was believed.
+    """
+    for sensor in range(1, 3):
+        if f.rejected[sensor] == 0 or f.gear[sensor - 1] == 0:
+            continue
+        seconds = max((f.t_us - f.accepted_us[sensor]) * 1e-6, _SOONEST)
+        torque = tuning.J_e * f.last_e[sensor, 0] / seconds
+        f.sigma_1, f.sigma_2 = math.hypot(f.sigma_1, torque), math.hypot(f.sigma_2, torque)
+        f.sigma_o = math.hypot(f.sigma_o, torque * tuning.ratio[sensor - 1, f.gear[sensor - 1] + 1])
 
 
 @compiled_without_allocation

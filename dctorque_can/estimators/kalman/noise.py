@@ -12,7 +12,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman.model import DT_E, R_1, T_C1, T_V, TH_D, TH_O, W_B, W_C1, W_E
+from dctorque_can.estimators.kalman.model import DT_E, R_1, T_C1, T_V, TH_D, TH_O, W_B, W_C1, W_E, W_W
 from dctorque_can.estimators.kalman.tuning import SLIDING
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
@@ -23,6 +23,10 @@ _SLIPPING_SHARE = 0.15  # of a torque's rate at the wheel that slip of the tyres
 _SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
 _ACCELERATION_TIME = 0.5  # s, for which an acceleration lasts, as far as errors of timing go
 _HELD_SHARE = 0.2  # of the largest rate, while brakes stay as they are
+_SPIN_SHARE, _SPIN = 0.06, 0.6  # of the speed, and rad/s, by which driven wheels that roll may leave the body
+_SPINS = 1000.0  # N·m/√s, from which tyres that slip shake a locked clutch
+_SPIN_SIGMA = 3.0  # … and standard deviations of the body's speed
+_SPIN_TIME = 0.02  # s, for which a torque that the model makes of the spin is wrong the same way
 _DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
 
 
@@ -51,6 +55,8 @@ def decide_rates(f: Any, tuning: Any, phase_1: int, phase_2: int, seconds: float
         else:
             rate = abs(change) / _RECENT + shaken_rate(f, tuning, i)
             rate = max(tuning.steady_rate, min(rate, tuning.rate[_LOCKED]))
+            if phase == _LOCKED and f.spin_rate > _SPINS:
+                rate = tuning.rate[_SLIPPING]
             if handover or phase == _SLIPPING:
                 rubs = i if phase == _SLIPPING else 1 - i
                 slides = abs(f.x[W_E] - f.x[W_C1 + rubs]) > SLIDING
@@ -87,6 +93,22 @@ def decide_brake_rate(f: Any, tuning: Any, brakes: bool, stands: bool, seconds: 
 
 
 @compiled_without_allocation
+def decide_spin_rate(f: Any, tuning: Any, seconds: float) -> None:
+    """Decide how fast the tyres' torque may change because they spin or lock, N·m/√s.
+
+    A tyre that rolls hands on what the clutches give. One that slips gives what the road takes, which no speed
+    tells, and anything when it grips again. The rate rises at once and falls in the settling time.
+    """
+    spin, change = f.x[W_W] - f.x[W_B], f.rate[W_W] - f.rate[W_B]
+    rate = 0.0
+    usual = _SPIN_SHARE * abs(f.x[W_B]) + _SPIN + _SPIN_SIGMA * math.sqrt(max(f.P[W_B, W_B], 0.0))
+    if abs(spin) > usual or abs(f.rate[W_B]) > tuning.fastest_grip:
+        rate = tuning.grip / math.sqrt(tuning.settling) + abs(tuning.tyre_damping * change) * math.sqrt(_SPIN_TIME)
+    f.spins = rate > 0.0
+    f.spin_rate = max(rate, math.exp(-seconds / tuning.settling) * f.spin_rate)
+
+
+@compiled_without_allocation
 def process_noise(f: Any, tuning: Any, phase_1: int, phase_2: int) -> tuple[float, float, float, float, float]:
     """Return the factors of the five noises of `Tables`: variances of r_1 and r_2, T_x and T_v in (N·m)²/s, ΔT_e.
 
@@ -107,7 +129,7 @@ def process_noise(f: Any, tuning: Any, phase_1: int, phase_2: int) -> tuple[floa
         tyre = max(_DRIVEN_BRAKES * f.brake_rate, _LEAST_TYRE_TORQUE) ** 2
     own_rate = max(tuning.tyre_share * wheel_rate, _SLIPPING_SHARE * abs(handed_on))
     own_rate = max(own_rate, _SYNCHRONISER_SHARE * synchroniser_rate)
-    tyre += 2.0 * tuning.rate_time * own_rate**2
+    tyre += 2.0 * tuning.rate_time * own_rate**2 + f.spin_rate**2
     return f.torque_rate[0] ** 2, f.torque_rate[1] ** 2, tyre, load, engine_variance(tuning, f.T_en)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.driveline.parameters import AIR_DENSITY, GEARS, STANDARD_GRAVITY, Vehicle
 from dctorque_can.estimators.kalman.design import KalmanDesign
-from dctorque_can.estimators.kalman.model import GAIN_SHARE, arms, lasting_errors
+from dctorque_can.estimators.kalman.model import GAIN_SHARE, arms, lasting_errors, tyre_damping
 
 LEAST_NOISE = 0.25  # of a configured variance, beside its resolution: sensors may have half the noise
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
@@ -25,6 +25,9 @@ TUNING = np.dtype(
         ("settling", "f8"),  # s, in which a rate falls back to the steady one
         ("neutral", "f8", (2,)),  # N·m, of a synchroniser's torque on each shaft
         ("neutral_rate", "f8", (2,)),  # N·m/s
+        ("grip", "f8"),  # N·m, largest torque of the driven tyres
+        ("fastest_grip", "f8"),  # rad/s², of the driven wheels against the body, unless they slip
+        ("tyre_damping", "f8"),  # N·m·s/rad, of the driven wheels against the body (`model`)
         ("tyre_share", "f8"),  # of a clutch torque's rate at the wheel that the tyres' torque has on its own
         ("road_load", "f8"),  # N·m/√s
         ("held_load", "f8"),  # … when the car stops or brakes, while the brakes change
@@ -112,6 +115,9 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["inertial_time"] = design.inertial_error_time_s
     chassis = vehicle.chassis
     r = chassis.wheel_radius_m
+    t["grip"] = 0.5 * design.tyre_friction * chassis.mass_kg * STANDARD_GRAVITY * r
+    t["fastest_grip"] = design.tyre_friction * STANDARD_GRAVITY / r
+    t["tyre_damping"] = tyre_damping(vehicle, design)
     t["mass_arm"] = r * chassis.mass_kg
     t["rolling_torque"] = chassis.rolling_resistance * r * chassis.mass_kg * STANDARD_GRAVITY
     t["air_torque"] = 0.5 * AIR_DENSITY * chassis.drag_coefficient * chassis.frontal_area_m2 * r**3

@@ -16,19 +16,36 @@ from dctorque_can.estimators.kalman.thresholds import FASTEST_WHEEL, SAME_TIME_U
 
 _FIRST = 3  # place of the first wheel among the signals
 _REAR_WHEEL = WHEEL + 2
+_APART, _APART_TIME = 0.1, 0.05  # rad/s by which driven wheels leave the body at least, and s for which they do
 _SPIKE, _STUCK, _MISSING = int(SensorFault.SPIKE), int(SensorFault.STUCK), int(SensorFault.MISSING)
 
 
 @compiled_without_allocation
 def stand_in_for_undriven(inputs: Any, f: Any) -> None:
-    """Let the driven wheels tell of the body, within their slip, when no wheel is there that rolls with it."""
+    """Let the driven wheels tell of the body, within their slip, when no wheel is there that rolls with it.
+
+    Not while they spin, for as long as it is known that they do.
+    """
     undriven = WHEEL if inputs.driven_axle == DrivenAxle.REAR else _REAR_WHEEL
     rolls = usable(inputs, undriven) or usable(inputs, undriven + 1)
     if rolls and inputs.driven_axle != DrivenAxle.ALL:
         return
     _, _, _, speed, fresh = wheel_speeds(inputs)
-    if fresh:
+    if fresh and not f.spins:
         measure(f, W_B, speed, SLIP_VARIANCE)
+
+
+@compiled_without_allocation
+def keep_driven_near(inputs: Any, f: Any, seconds: float) -> None:
+    """Keep the driven wheels as near to the body as magnitudes do, while nobody knows which way the car goes.
+
+    They may be faster or slower by what the magnitudes differ, either way round, and that lasts.
+    """
+    known, driven, _, body, _ = wheel_speeds(inputs)
+    if not known or seconds <= 0.0:
+        return
+    apart = 2.0 * (abs(driven) - abs(body))
+    measure(f, W_W, driven, (apart * apart + _APART**2) * max(2.0 * _APART_TIME / seconds, 1.0))
 
 
 @compiled_without_allocation
