@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import Config
 from dctorque_can.pipeline.estimates import Estimates
-from dctorque_can.pipeline.estimator import Estimator, warm_up
+from dctorque_can.pipeline.estimator import FEW, Estimator, warm_up
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.pipeline.smoothing import Smoother
 
@@ -31,6 +31,10 @@ class Chain:
         self._decoder = Decoder(config.database, config.inputs, config.protections)
         self._smoother = Smoother(config.settings) if smooth else None
         self._estimator = self._smoother or Estimator(config.settings)
+        self._feed_few: Callable[[Frames], Estimates] | None = None
+        if isinstance(self._estimator, Estimator):
+            self._feed_few = _through_inbox(self._decoder, self._estimator)
+        self._few = FEW // max(self._decoder.most_per_frame, 1)  # frames, for whose samples there is always room
 
     def warm_up(self) -> None:
         """Compile everything, or load it where it is compiled already."""
@@ -40,6 +44,8 @@ class Chain:
 
     def feed(self, frames: Frames) -> Estimates:
         """Return the estimates that became due with ``frames``."""
+        if self._feed_few is not None and len(frames) <= self._few:
+            return self._feed_few(frames)
         return self._estimator.feed(self._decoder.decode(frames))
 
     def smoothed(self, progress: Callable[[float], None] = lambda fraction: None) -> NDArray[np.void]:
@@ -52,3 +58,9 @@ class Chain:
     def health(self) -> NDArray[np.void]:
         """`HEALTH` ``[1]`` as of the last frame."""
         return self._estimator.health
+
+
+def _through_inbox(decoder: Decoder, estimator: Estimator) -> Callable[[Frames], Estimates]:
+    """Return what feeds a few frames, as they come live: the decoder writes where the estimator reads."""
+    decode, feed = decoder.into(estimator.inbox), estimator.feed_inbox
+    return lambda frames: feed(decode(frames))

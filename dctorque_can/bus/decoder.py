@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -13,10 +13,12 @@ from dctorque_can.bus.decoder_memory import decode_batch, decoder_memory
 from dctorque_can.bus.layout import MAX_BYTES
 from dctorque_can.bus.problems import InputError, input_problems
 from dctorque_can.bus.tables import build_tables
+from dctorque_can.compiled import entry
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.pipeline.samples import Input, Protection, Samples
 
 Scalar = TypeVar("Scalar", bound=np.generic)
+Bytes = NDArray[np.uint8]
 
 
 class Decoder:
@@ -51,6 +53,9 @@ class Decoder:
 
     Raises:
         InputError: inputs or protections do not fit the database; all problems at once.
+
+    Attributes:
+        most_per_frame: so many samples a frame may give.
     """
 
     def __init__(
@@ -61,7 +66,7 @@ class Decoder:
             raise InputError(problems)
         tables = build_tables(database, inputs, protections)
         self._memory = decoder_memory(tables)
-        self._most_per_frame = int(tables.messages["n_pairs"].max(initial=0))
+        self.most_per_frame = int(tables.messages["n_pairs"].max(initial=0))
         standard = np.flatnonzero(tables.standard >= 0)
         self._can_ids = frozenset(map(int, (*standard, *tables.extended["can_id"])))
         self._one = Frames.empty(1, MAX_BYTES)
@@ -79,13 +84,19 @@ class Decoder:
         Raises:
             ValueError: the columns of the frames differ in length.
         """
-        return self._decode(
-            _plain(frames.t_us),
-            _plain(frames.can_id),
-            _plain(frames.length),
-            _plain(frames.flags),
-            _plain(frames.data),
-        )
+        samples = Samples.zeros(len(frames) * self.most_per_frame)
+        n = decode_batch(*_columns(frames), self._memory, *_room(samples))
+        return samples[: _checked(n)]
+
+    def into(self, samples: Samples) -> Callable[[Frames], int]:
+        """Return the function that writes what `decode` returns into ``samples``, and says how many they are.
+
+        It is for a live bus: no column is made anew. The function raises what `decode` does, and ValueError when
+        there is no room for `most_per_frame` samples of each frame.
+        """
+        memory_and_room = self._memory, *_room(samples)
+        run = entry(decode_batch, (*_columns(self._one), *memory_and_room))
+        return lambda frames: _checked(run(*_columns(frames), *memory_and_room))
 
     def decode_one(self, t_us: int, can_id: int, data: bytes | bytearray, flags: int = 0) -> Samples:
         """Return the samples of one frame: the same as `decode`, without the cost of building `Frames`.
@@ -104,30 +115,22 @@ class Decoder:
         one.length[0] = len(data)
         one.flags[0] = flags
         self._one_payload[: len(data)] = data
-        return self._decode(one.t_us, one.can_id, one.length, one.flags, one.data)
+        return self.decode(one)
 
-    def _decode(
-        self,
-        frame_t_us: NDArray[np.int64],
-        can_id: NDArray[np.uint32],
-        length: NDArray[np.uint8],
-        flags: NDArray[np.uint8],
-        data: NDArray[np.uint8],
-    ) -> Samples:
-        room = len(frame_t_us) * self._most_per_frame
-        t_us = np.empty(room, np.int64)
-        quantity = np.empty(room, np.uint8)
-        value = np.empty(room, np.float64)
-        status = np.empty(room, np.uint8)
-        last = np.empty(room, np.bool_)
-        n = decode_batch(
-            *(frame_t_us, can_id, length, flags, data),
-            self._memory,
-            *(t_us, quantity, value, status, last),
-        )
-        if n < 0:
-            raise ValueError("the columns of the frames differ in length")
-        return Samples(t_us[:n], quantity[:n], value[:n], status[:n], last[:n])
+
+def _columns(frames: Frames) -> tuple[NDArray[np.int64], NDArray[np.uint32], Bytes, Bytes, Bytes]:
+    t_us, can_id, length, flags = frames.t_us, frames.can_id, frames.length, frames.flags
+    return _plain(t_us), _plain(can_id), _plain(length), _plain(flags), _plain(frames.data)
+
+
+def _room(samples: Samples) -> tuple[NDArray[np.int64], Bytes, NDArray[np.float64], Bytes, NDArray[np.bool_]]:
+    return samples.t_us, samples.quantity, samples.value, samples.status, samples.last
+
+
+def _checked(n: int) -> int:
+    if n < 0:
+        raise ValueError("the columns of the frames differ in length, or there is no room for the samples")
+    return n
 
 
 def _plain(column: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -220,18 +220,19 @@ def decode_frames(
 
     Bounds: all indices but the identifier come out of the tables, which `build_tables` makes, and point into them.
     Identifiers below `N_STANDARD_IDS` are the only ones that are an index. -1 is returned, and nothing is written
-    there, when a column of the frames is shorter than the others, or the outputs have no room.
+    there, when a column of the frames is shorter than the others, or one of the outputs has no room.
     """
     n = 0
     rows = len(t_us)
     if min(len(can_id), len(length), len(flags), len(data)) < rows:
         return -1
+    room = min(len(out_t_us), len(out_quantity), len(out_value), len(out_status), len(out_last))
     for i in range(rows):
         m = _message_of(can_id[i], standard, extended)
         if m < 0 or flags[i] & IGNORED:
             continue
         message = messages[m]
-        if n + message.n_pairs > len(out_t_us):
+        if n + message.n_pairs > room:
             return -1
         first = n
         frame_status = _check_frame(

@@ -8,7 +8,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 from dctorque_can.daemon.socketcan import MOST, SocketcanReceiver
-from dctorque_can.logs.messages import frames_from_messages
+from dctorque_can.logs.messages import MessageRoom
 from dctorque_can.pipeline.frames import Frames
 
 NOTHING = Frames.empty()
@@ -44,6 +44,7 @@ class MessageReceiver:
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
+        self._room = MessageRoom(MOST)
         self._late_error: Exception | None = None
 
     def receive(self, timeout_s: float) -> Frames:
@@ -61,7 +62,7 @@ class MessageReceiver:
                 messages.append(message)
         except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
             self._late_error = error
-        return frames_from_messages(messages)
+        return self._room.frames(messages)
 
 
 def receiver_of(bus: can.BusABC) -> Receiver:

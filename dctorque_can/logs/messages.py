@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from dataclasses import replace
 
 import can
 import numpy as np
@@ -14,6 +15,7 @@ from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
 ID_MASK = 0x1FFF_FFFF
 _PACKS = {width: struct.Struct(f"=qIBBBx{width}s").pack for width in (8, 64)}
+_PACK_DATA = {width: struct.Struct(f"={width}s").pack_into for width in (8, 64)}
 _ROW_NAMES = ("t_us", "can_id", "length", "flags", "channel", "data")
 _ROWS = {
     width: np.dtype(
@@ -78,30 +80,53 @@ def frames_from_messages(messages: Sequence[can.Message], channel: int | Channel
     Of data longer than 64 bytes the first 64 count.
     """
     is_index = isinstance(channel, int)
-    width = 8
-    for m in messages:
-        if len(m.data) > width:
-            width = 64
-            break
+    width = _width(messages)
     pack = _PACKS[width]
     # one row of bytes per message, since packing one costs less than writing its numbers into six arrays
     rows = np.frombuffer(
         b"".join(
             [
-                pack(
-                    _microseconds(m.timestamp),
-                    (m.arbitration_id & ID_MASK) | _EXTENDED if m.is_extended_id else m.arbitration_id & ID_MASK,
-                    min(len(m.data), 64) if not m.is_remote_frame else min(max(m.dlc, 0), 64),
-                    _flags(m),
-                    channel if is_index else channel[m.channel],  # type: ignore[index]
-                    m.data if not m.is_remote_frame else b"",
-                )
+                pack(*_numbers(m), channel if is_index else channel[m.channel], _data(m))  # type: ignore[index]
                 for m in messages
             ]
         ),
         _ROWS[width],
     )
     return Frames(*[rows[name].copy() for name in _ROW_NAMES])
+
+
+class MessageRoom:
+    """Columns for messages of a live bus, written again and again: cheaper than to make new ones.
+
+    Args:
+        most: how many messages there is room for.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._narrow = Frames.empty(most, 8)
+        self._wide = replace(self._narrow, data=np.zeros((most, 64), np.uint8))
+        columns = self._narrow
+        # memoryviews, which take a single number sooner than an array does
+        self._numbers = columns.t_us.data, columns.can_id.data, columns.length.data, columns.flags.data
+        self._views: dict[tuple[int, int], Frames] = {}
+
+    def frames(self, messages: Sequence[can.Message]) -> Frames:
+        """Return what `frames_from_messages` does, of no more messages than there is room for.
+
+        The columns are only valid until the next call.
+        """
+        width = _width(messages)
+        columns = self._narrow if width == 8 else self._wide
+        t_us, can_id, length, flags = self._numbers
+        data, pack = columns.data.data, _PACK_DATA[width]
+        for i, m in enumerate(messages):
+            t_us[i], can_id[i], length[i], flags[i] = _numbers(m)
+            pack(data, width * i, _data(m))
+        n = len(messages)
+        view = self._views.get((n, width))
+        if view is None:
+            view = self._views[n, width] = columns[:n]
+        return view
 
 
 def message_from_frame(frames: Frames, i: int) -> can.Message:
@@ -124,6 +149,28 @@ def message_from_frame(frames: Frames, i: int) -> can.Message:
         bitrate_switch=bool(flags & _SWITCH),
         error_state_indicator=bool(flags & _STATE),
     )
+
+
+def _width(messages: Sequence[can.Message]) -> int:
+    """Return how many bytes the data of each message take in columns."""
+    for m in messages:
+        if len(m.data) > 8:
+            return 64
+    return 8
+
+
+def _numbers(m: can.Message) -> tuple[int, int, int, int]:
+    """Return time, identifier, length and flags as `Frames` has them."""
+    return (
+        _microseconds(m.timestamp),
+        (m.arbitration_id & ID_MASK) | _EXTENDED if m.is_extended_id else m.arbitration_id & ID_MASK,
+        min(len(m.data), 64) if not m.is_remote_frame else min(max(m.dlc, 0), 64),
+        _flags(m),
+    )
+
+
+def _data(m: can.Message) -> bytes | bytearray:
+    return m.data if not m.is_remote_frame else b""
 
 
 def _microseconds(seconds: float) -> int:

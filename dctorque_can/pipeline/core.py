@@ -20,7 +20,7 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import contract
 from dctorque_can.pipeline import delays, derived, direction
 from dctorque_can.pipeline.decisions import decide_gears, decide_phases, follow_speeds, judge_speeds, mark_stale
-from dctorque_can.pipeline.parts import Parts
+from dctorque_can.pipeline.parts import Parts, Records
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
 
@@ -57,11 +57,11 @@ def count_sample(health: Any, quantity: int, status: int) -> None:
 
 
 @compiled_without_allocation
-def forget(p: Parts, t_us: int) -> None:
+def forget(p: Records, t_us: int) -> None:
     """Drop all inputs and go to ``t_us``."""
-    core, inputs = p.core[0], p.inputs[0]
+    core, inputs = p.core, p.inputs
     inputs.t_us = inputs.origin_us = t_us
-    contract.stop(p.chosen, p.answer[0])
+    contract.stop(p.chosen, p.answer)
     core.estimate_us = core.health_us = core.implausible_us = NEVER
     for quantity in range(N_QUANTITIES):
         inputs.seen_us[quantity] = NEVER
@@ -75,11 +75,11 @@ def forget(p: Parts, t_us: int) -> None:
 
 
 @compiled_without_allocation
-def follows(p: Parts, rules: Any, t_us: int) -> bool:
+def follows(p: Records, rules: Any, t_us: int) -> bool:
     """Return whether a frame follows the last one; a gap or a step back of the clock starts anew at it."""
-    core, health = p.core[0], p.health[0]
+    core, health = p.core, p.health
     if core.arrived_us == NEVER:
-        p.inputs[0].origin_us = t_us
+        p.inputs.origin_us = t_us
         return False
     if t_us < core.arrived_us:
         if core.arrived_us - t_us <= rules.max_step_back_us:
@@ -95,22 +95,22 @@ def follows(p: Parts, rules: Any, t_us: int) -> bool:
 
 
 @compiled_without_allocation
-def begin_frame(p: Parts, rules: Any, queue: Any, t_us: int) -> None:
+def begin_frame(p: Records, rules: Any, queue: Any, t_us: int) -> None:
     """Note the time of a new frame; what waits from before a gap is dropped."""
-    core = p.core[0]
+    core = p.core
     if follows(p, rules, t_us):
         core.arrived_us = max(t_us, core.arrived_us)
     else:
         core.arrived_us = t_us
-        p.inputs[0].t_us = t_us - rules.longest_delay_us
+        p.inputs.t_us = t_us - rules.longest_delay_us
         queue.count = 0
     delays.note_frame(queue, t_us)
 
 
 @compiled_without_allocation
-def receive(p: Parts, rules: Any, queue: Any, t_us: int, quantity: int, value: float, status: int) -> None:
+def receive(p: Records, rules: Any, queue: Any, t_us: int, quantity: int, value: float, status: int) -> None:
     """Count a sample, and let it wait for its time if it is sound."""
-    core, inputs = p.core[0], p.inputs[0]
+    core, inputs = p.core, p.inputs
     if status == _OK and not rules.minimum[quantity] <= value <= rules.maximum[quantity]:
         status = _OUT_OF_RANGE
     sound = status in (_OK, _NOT_AVAILABLE)
@@ -118,7 +118,7 @@ def receive(p: Parts, rules: Any, queue: Any, t_us: int, quantity: int, value: f
         # the frame itself is sound, so its time counts even if it brings no value
         begin_frame(p, rules, queue, min(max(t_us, -LATEST_US), LATEST_US))
         core.frame_ok = True
-    count_sample(p.health[0], quantity, status)
+    count_sample(p.health, quantity, status)
     if sound:
         samples = delays.place(queue, queue.frame_us - inputs.delay_us[quantity])
         if status == _OK:
@@ -139,12 +139,12 @@ def keep_values(inputs: Any, samples: Any) -> None:
 
 
 @compiled_without_allocation
-def take(p: Parts, rules: Any, queue: Any, place: int, t_us: int) -> None:
+def take(p: Records, rules: Any, queue: Any, place: int, t_us: int) -> None:
     """Go to ``t_us`` and let what stands at a place of the queue take effect; −1: only time has passed.
 
     An estimator whose state is no number any more starts anew.
     """
-    core, inputs, answer, health = p.core[0], p.inputs[0], p.answer[0], p.health[0]
+    core, inputs, answer, health = p.core, p.inputs, p.answer, p.health
     contract.advance(p.chosen, inputs, answer, t_us)
     inputs.t_us = max(inputs.t_us, t_us)
     if place >= 0:
@@ -161,7 +161,7 @@ def take(p: Parts, rules: Any, queue: Any, place: int, t_us: int) -> None:
     if not contract.is_finite(p.chosen):
         health.numeric_resets += 1
         contract.start(p.chosen, answer)
-    derived.follow(core, inputs, rules, answer, p.derived[0])
+    derived.follow(core, inputs, rules, answer, p.derived)
 
 
 @compiled_without_allocation
@@ -187,14 +187,18 @@ def run(
     Where health is ``asked`` for, another row of it is written at the end.
     """
     rules, queue = rule[0], queues[0]
-    core, inputs = now.core[0], now.inputs[0]
+    present = Records(now.core[0], now.inputs[0], now.answer[0], now.health[0], now.derived[0], now.chosen)
+    future = Records(
+        ahead.core[0], ahead.inputs[0], ahead.answer[0], ahead.health[0], ahead.derived[0], ahead.chosen
+    )
+    core, inputs = present.core, present.inputs
     n_rows = n_health = 0
     for k in range(n + (1 if asked else 0)):
         sound, estimate_due, health_due = False, False, True
         if k < n:
             quantity = int(quantities[k])
             if inputs.mapped[quantity]:
-                receive(now, rules, queue, t_us[k], quantity, values[k], int(statuses[k]))
+                receive(present, rules, queue, t_us[k], quantity, values[k], int(statuses[k]))
             sound = lasts[k] and bool(core.frame_ok)
             if sound:
                 core.frame_ok = False
@@ -208,7 +212,7 @@ def run(
             if health_due:
                 core.health_us = present_us
         shows = estimate_due or health_due
-        shown = now
+        shown = present
         looks, seen = False, 0  # ahead, to those that wait
         while sound or shows:
             if not looks and sound and delays.is_ripe(queue, core.arrived_us, rules.longest_delay_us):
@@ -217,25 +221,25 @@ def run(
                 if not shows or rules.longest_delay_us == 0:
                     break
                 delays.copy(now, ahead)
-                shown, looks = ahead, True
+                shown, looks = future, True
                 continue
             elif seen < queue.count:
                 place = delays.nth(queue, seen)
                 seen += 1
-            elif ahead.inputs[0].t_us < core.arrived_us:
+            elif future.inputs.t_us < core.arrived_us:
                 place = -1
             else:
                 break
             take(shown, rules, queue, place, queue.waiting[place].t_us if place >= 0 else core.arrived_us)
         if looks:
-            delays.count_timeouts(queue, shown.inputs[0], now.health[0])
+            delays.count_timeouts(queue, shown.inputs, present.health)
         if estimate_due:
             publish(shown, rules, rows[n_rows])
-            core.status = shown.core[0].status
+            core.status = shown.core.status
             n_rows += 1
         if health_due:
-            report(shown.inputs[0], now.health[0], health_rows[n_health])
-            contract.report(now.chosen, health_rows[n_health])
-            health_rows[n_health].status = shown.core[0].status
+            report(shown.inputs, present.health, health_rows[n_health])
+            contract.report(present.chosen, health_rows[n_health])
+            health_rows[n_health].status = shown.core.status
             n_health += 1
     return n_rows, n_health

@@ -22,6 +22,7 @@ FEW = 256  # samples, for which there is always room: a live batch
 NO_SAMPLES = Samples.zeros(0)
 NO_ROWS = np.zeros(0, ESTIMATE)
 NO_HEALTH = np.zeros(0, HEALTH)
+NOTHING = Estimates(NO_ROWS, NO_HEALTH)
 BY_PERIOD = np.zeros(0, np.bool_)
 
 
@@ -52,6 +53,9 @@ class Estimator:
 
     Raises:
         DctorqueError: two gears of different shafts have the same total ratio, or a gear number is too large.
+
+    Attributes:
+        inbox: room for `FEW` samples, for `feed_inbox`.
     """
 
     def __init__(self, settings: Settings, chosen: Any = None) -> None:
@@ -62,9 +66,10 @@ class Estimator:
         self._now = parts.new(chosen, settings, self._rules["coolant"][0])
         self._ahead = parts.new(chosen, settings, self._rules["coolant"][0])
         self._queue = delays.new()
-        self._inbox = Samples.zeros(FEW)
-        self._rows, self._health_rows = np.zeros(FEW, ESTIMATE), np.zeros(FEW, HEALTH)
-        self._small = self._arguments(self._inbox, BY_PERIOD, False, self._rows, self._health_rows)
+        self.inbox = Samples.zeros(FEW)
+        rows, health = np.zeros(FEW, ESTIMATE), np.zeros(FEW, HEALTH)
+        self._row_bytes, self._health_bytes = rows.view(np.uint8).data, health.view(np.uint8).data
+        self._small = self._arguments(self.inbox, BY_PERIOD, False, rows, health)
         self._run_small: Callable[..., tuple[int, int]] | None = None
 
     def feed(self, samples: Samples, wanted: NDArray[np.bool_] = BY_PERIOD) -> Estimates:
@@ -75,24 +80,32 @@ class Estimator:
             wanted: bool ``[n]``, after which samples an estimate is wanted; empty: as they become due.
         """
         if len(samples) <= FEW and not len(wanted):
-            return self._feed_few(samples)
+            n, inbox = len(samples), self.inbox
+            inbox.t_us[:n], inbox.quantity[:n], inbox.value[:n] = samples.t_us, samples.quantity, samples.value
+            inbox.status[:n], inbox.last[:n] = samples.status, samples.last
+            return self.feed_inbox(n)
         rows = np.zeros(int(np.count_nonzero(wanted if len(wanted) else samples.last)), ESTIMATE)
         # untouched rows cost no memory
         health = np.zeros(int(np.count_nonzero(samples.last)), HEALTH)
         n_rows, n_health = core.run(len(samples), *self._arguments(samples, wanted, False, rows, health))
         return Estimates(rows[:n_rows], health[:n_health].copy() if n_health else NO_HEALTH)
 
-    def _feed_few(self, samples: Samples) -> Estimates:
-        """Feed what came live since the last time, by way of arrays that are always the same."""
-        n, inbox = len(samples), self._inbox
-        inbox.t_us[:n], inbox.quantity[:n], inbox.value[:n] = samples.t_us, samples.quantity, samples.value
-        inbox.status[:n], inbox.last[:n] = samples.status, samples.last
+    def feed_inbox(self, n: int) -> Estimates:
+        """Take the first n samples of the `inbox` as `feed` does: what came live since the last time.
+
+        Raises:
+            ValueError: the inbox has no n samples.
+        """
+        if not 0 <= n <= FEW:
+            raise ValueError(f"the inbox has {FEW} samples, not {n}")
         if self._run_small is None:
             self._run_small = entry(core.run, (n, *self._small))
         n_rows, n_health = self._run_small(n, *self._small)
+        if not n_rows and not n_health:
+            return NOTHING
         return Estimates(
-            _copied(self._rows, n_rows) if n_rows else NO_ROWS,
-            _copied(self._health_rows, n_health) if n_health else NO_HEALTH,
+            _copied(self._row_bytes, n_rows, ESTIMATE) if n_rows else NO_ROWS,
+            _copied(self._health_bytes, n_health, HEALTH) if n_health else NO_HEALTH,
         )
 
     def _arguments(
@@ -151,9 +164,9 @@ def warm_up(settings: Settings) -> None:
     )
 
 
-def _copied(rows: NDArray[np.void], n: int) -> NDArray[np.void]:
+def _copied(rows: memoryview, n: int, dtype: np.dtype[np.void]) -> NDArray[np.void]:
     """Return a copy of the first n rows, at once instead of field by field as numpy would."""
-    return rows[:n].view(np.uint8).copy().view(rows.dtype)
+    return np.frombuffer(bytearray(rows[: n * dtype.itemsize]), dtype)
 
 
 def _refuse_singular_pairs(vehicle: Vehicle) -> None:

@@ -36,6 +36,17 @@ class Parts(NamedTuple):
     memory: NDArray[np.int64]
 
 
+class Records(NamedTuple):
+    """The records of `Parts`: what one compiled function hands over to another sooner than arrays."""
+
+    core: Any
+    inputs: Any
+    answer: Any
+    health: Any
+    derived: Any
+    chosen: Any
+
+
 def new(chosen: Any, settings: Settings, coolant_c: NDArray[np.float64]) -> Parts:
     """Return the parts of an estimator that has seen nothing yet.
 

@@ -12,7 +12,7 @@ from dctorque_can.estimators.inputs import gears_known, phases_known
 from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.decisions import any_stale
 from dctorque_can.pipeline.estimates import SENSORS, Status
-from dctorque_can.pipeline.parts import Parts
+from dctorque_can.pipeline.parts import Records
 from dctorque_can.pipeline.samples import N_QUANTITIES
 from dctorque_can.pipeline.thresholds import IMPLAUSIBLE_TIME_US
 
@@ -27,9 +27,9 @@ _SENSORS = len(SENSORS)
 
 
 @compiled_without_allocation
-def publish(p: Parts, rules: Any, row: Any) -> None:
+def publish(p: Records, rules: Any, row: Any) -> None:
     """Write one estimate."""
-    core, inputs, answer = p.core[0], p.inputs[0], p.answer[0]
+    core, inputs, answer = p.core, p.inputs, p.answer
     clear(row)
     row.t_us = inputs.t_us
     row.gear1, row.gear2 = inputs.gear[0], inputs.gear[1]
@@ -37,7 +37,7 @@ def publish(p: Parts, rules: Any, row: Any) -> None:
     status = contract.conclude(p.chosen, inputs, answer, row)
     limited = limit(inputs, row)
     core.status = judge(core, inputs, bool(answer.running), status, limited)
-    core.status |= derived.report(inputs, rules, answer, p.derived[0], row)
+    core.status |= derived.report(inputs, rules, answer, p.derived, row)
     row.status = core.status
 
 

@@ -87,6 +87,29 @@ def test_one_frame_at_a_time_gives_identical_bits(seed):
     assert identical(joined(parts), demo_decoder().decode(frames))
 
 
+@pytest.mark.parametrize("step", [1, -1])
+def test_decoding_into_what_is_there_gives_identical_bits(step):
+    """Also where the columns are none that stand in a row in memory."""
+    frames = damaged_traffic(7)
+    decoder = demo_decoder()
+    samples = Samples.zeros(4 * decoder.most_per_frame)[::step]
+    decode = decoder.into(samples)
+    parts = []
+    for start in range(0, len(frames), 4):
+        n = decode(frames[start : start + 4])
+        parts.append(Samples(*(getattr(samples, name)[:n].copy() for name in Samples.__slots__)))
+    assert identical(joined(parts), demo_decoder().decode(frames))
+
+
+def test_samples_for_which_there_is_no_room_are_refused():
+    """Nothing is written behind the shortest column."""
+    decoder, frames = demo_decoder(), traffic(5)
+    room = Samples.zeros(5 * decoder.most_per_frame)
+    for name in Samples.__slots__:
+        with pytest.raises(ValueError, match="no room"):
+            decoder.into(replace(room, **{name: getattr(room, name)[:3]}))(frames)
+
+
 @given(st.integers(0, 10**6))
 def test_frames_that_no_input_reads_change_nothing(seed):
     frames = traffic(4, seed)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.errors import LogReadError, LogWriteError
-from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.logs.messages import ChannelNumbers, MessageRoom, frames_from_messages, message_from_frame
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 
@@ -195,3 +195,20 @@ def test_messages_of_a_bus_become_frames():
     strange = frames_from_messages([can.Message(timestamp=float("nan")), can.Message(timestamp=float("inf"))])
     assert strange.t_us[0] == 0
     assert strange.t_us[1] > 2**62
+
+
+def test_a_room_for_messages_gives_the_same_frames_again_and_again():
+    """Long data and numbers of a batch leave nothing behind in the next one."""
+    kinds = (
+        frame(1, 0x7FF, b"\1\2\3\4\5\6\7\xff", FrameFlag.TRANSMITTED),
+        frame(2, 0x1ABCDEF | int(EXTENDED_ID), b"\7"),
+        frame(3, 0x10, bytes(range(1, 65)), FrameFlag.FD | FrameFlag.BITRATE_SWITCH),
+        frame(4, 0x11, b"", FrameFlag.REMOTE, length=8),
+        frame(5, 0x12, b"", FrameFlag.ERROR),
+        frame(6, 0x13, b"\1\2"),
+    )
+    frames = frames_of(kinds)
+    messages = [message_from_frame(frames, i) for i in range(len(frames))]
+    room = MessageRoom(len(messages))
+    for batch in (slice(None), slice(1), slice(None, None, -1), slice(3, 5), slice(0), slice(5, 6), slice(1, 2)):
+        assert_same_frames(room.frames(messages[batch]), frames[batch])

@@ -13,7 +13,7 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.estimates import Status
-from dctorque_can.pipeline.estimator import Estimator
+from dctorque_can.pipeline.estimator import FEW, Estimator
 from dctorque_can.pipeline.samples import Samples, SampleStatus
 
 from .drives import SETTINGS, VEHICLE, Q, R, known, locked_in_first, samples, traffic, with_either
@@ -33,6 +33,23 @@ def test_locked_drive_gives_the_closed_form(settings):
     assert Status(int(row["status"])) & Status.CLUTCH1_VALID
     assert (row["phase1"], row["phase2"]) == (ClutchPhase.LOCKED, ClutchPhase.OPEN)
     assert (row["gear1"], row["gear2"]) == (1, 2)
+
+
+def test_the_inbox_is_fed_as_any_samples_are():
+    data = traffic(0.5, locked_in_first()[0])
+    whole, live = Estimator(SETTINGS), Estimator(SETTINGS)
+    rows = []
+    for start in range(0, len(data), FEW):
+        part = data[start : start + FEW]
+        for name in Samples.__slots__:
+            getattr(live.inbox, name)[: len(part)] = getattr(part, name)
+        rows.append(live.feed_inbox(len(part)).rows)
+    assert len(rows) > 1
+    assert np.concatenate(rows).tobytes() == whole.feed(data).rows.tobytes()
+    assert live.health.tobytes() == whole.health.tobytes()
+    for n in (-1, FEW + 1):
+        with pytest.raises(ValueError, match="inbox"):
+            live.feed_inbox(n)
 
 
 @with_either

@@ -46,6 +46,7 @@ from dctorque_can.estimators.kalman.model import (
     W_E,
     W_O,
     W_W,
+    WIDTH,
     N,
 )
 
@@ -90,7 +91,8 @@ def carry_on(f: Any, step: Any, T_en: float, q: Noises) -> None:
 def carry_lasting(f: Any, step: Any) -> None:
     """s ← F s of what the lasting error of an open clutch's drag has done to the state (`filter.FILTER`).
 
-    All columns up to those of GAIN are written out, so that a vector unit does several rows at once.
+    All columns up to those of GAIN are written out, so that a vector unit does several rows at once; `WIDTH` of
+    them, for which ``f.h`` has room.
     """
     F, columns, b = step.phi, step.columns, step.input
     for c in range(2):
@@ -101,7 +103,7 @@ def carry_lasting(f: Any, step: Any) -> None:
         s_0, s_1, s_2, s_3, s_4, s_5 = s[0], s[1], s[2], s[3], s[4], s[5]
         s_6, s_7, s_8, s_9, s_10, s_11 = s[6], s[7], s[8], s[9], s[10], s[11]
         s_12, s_13, s_14, s_15, s_16, s_17 = s[12], s[13], s[14], s[15], s[16], s[17]
-        for i in range(COUPLED):
+        for i in range(WIDTH):
             total = columns[0, i] * s_0 + columns[1, i] * s_1 + columns[2, i] * s_2 + columns[3, i] * s_3
             total += columns[4, i] * s_4 + columns[5, i] * s_5 + columns[6, i] * s_6 + columns[7, i] * s_7
             total += columns[8, i] * s_8 + columns[9, i] * s_9 + columns[10, i] * s_10 + columns[11, i] * s_11

@@ -94,6 +94,9 @@ OUTPUT = (W_O, W_W, TH_O)
 COUPLED = T_X + 1
 """Number of these: they come first."""
 
+WIDTH = 16
+"""Length of the columns of F in `STEP`, which end in zeros: a shorter loop is not given to a vector unit."""
+
 _OF_ENGINE = 0, 1, 2, 5  # which noises of `tables` act on them, and
 _OF_CAR = 0, 1, 2, 3, 4
 _OF_REST = 1, 2, 1, 2, 4, 5  # which one on T_C1, T_C2, R_1, R_2, T_V and DT_E
@@ -101,7 +104,7 @@ _OF_REST = 1, 2, 1, 2, 4, 5  # which one on T_C1, T_C2, R_1, R_2, T_V and DT_E
 STEP = np.dtype(
     [
         ("phi", "f8", (N, N)),  # F
-        ("columns", "f8", (N, COUPLED)),  # … of its first rows, one after the other
+        ("columns", "f8", (N, WIDTH)),  # … of its first rows, one after the other
         ("input", "f8", (N,)),  # response to T_en
         # rows of Q, columns of `COUPLED` states: of what always acts, the rates of T_c1 and T_c2, ΔT_e
         ("noise_engine", "f8", (len(_OF_ENGINE), len(ENGINE) * COUPLED)),
@@ -297,7 +300,8 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
     steps = np.zeros((len(A), len(STEPS_US)), STEP)
     for step, (F, b, Q) in enumerate(discrete(A, B, intensity)):
         at = steps[:, step]
-        at["phi"], at["columns"], at["input"] = F, F[:, :COUPLED].transpose(0, 2, 1), b
+        at["phi"], at["input"] = F, b
+        at["columns"][..., :COUPLED] = F[:, :COUPLED].transpose(0, 2, 1)
         for n, k in enumerate(_OF_ENGINE):
             at["noise_engine"][:, n] = Q[k][:, ENGINE, :COUPLED].reshape(-1, len(ENGINE) * COUPLED)
         for n, k in enumerate(_OF_CAR):

@@ -132,21 +132,20 @@ fields = st.lists(
 
 
 @settings(max_examples=40)
-@given(fields)
-def test_any_table_decodes_with_the_stock_decoder(columns):
-    dtype = np.dtype(
-        [("t_us", "i8")]
-        + [
-            (f"Signal{i}", kind) if count is None else (f"Signal{i}", kind, (count,))
-            for i, (kind, count) in enumerate(columns)
-        ]
-    )
+@given(fields, st.booleans(), st.booleans())
+def test_any_table_decodes_with_the_stock_decoder(columns, aligned, given_aligned):
+    """Whatever gaps there are between its fields, and between those of the rows that are given."""
+    descriptions = [("t_us", "i8")] + [
+        (f"Signal{i}", kind) if count is None else (f"Signal{i}", kind, (count,))
+        for i, (kind, count) in enumerate(columns)
+    ]
+    dtype = np.dtype(descriptions, align=aligned)
     table = Table.of_signals("Engine_Data-1", dtype)
     rows = random_rows(dtype, 3)
     with tempfile.TemporaryDirectory() as directory:
         path = Path(directory) / "log.mcap"
         with McapLog(path) as log:
-            log.write_table(table, rows)
+            log.write_table(table, rows.astype(np.dtype(descriptions, align=given_aligned)))
         messages = decoded(path)
         again = read_table(path, table)
         by_topic = read_table(path, table.topic)

@@ -12,9 +12,10 @@ from typing import Any
 import can
 
 from dctorque_can.bus.decoder import Decoder
+from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_config
 from dctorque_can.daemon.service import Service
-from dctorque_can.logs.messages import frames_from_messages, message_from_frame
+from dctorque_can.logs.messages import MessageRoom, message_from_frame
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.frames import Frames
@@ -46,8 +47,8 @@ def new_feed(config: Config) -> Callable[[Any], object]:
 
 def new_live_feed(config: Config) -> Callable[[can.Message], object]:
     """Return the function that takes one message to estimates, as the service does it."""
-    decoder, feed = Decoder(config.database, config.inputs, config.protections), new_feed(config)
-    return lambda message: feed(decoder.decode(frames_from_messages([message])))
+    chain, room = Chain(config), MessageRoom(1)
+    return lambda message: chain.feed(room.frames([message]))
 
 
 def new_service(config: Config, connect: Callable[[], can.BusABC]) -> Service:
