@@ -23,6 +23,7 @@ from dctorque_can.pipeline.decisions import decide_gears, decide_phases, follow_
 from dctorque_can.pipeline.parts import Parts
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
+from dctorque_can.plausibility.monitor import watch
 
 LATEST_US = 2**60  # times beyond ±36 000 years are taken as this, so that differences never overflow
 
@@ -155,6 +156,7 @@ def take(p: Parts, rules: Any, queue: Any, place: int, t_us: int) -> None:
     decide_phases(core, inputs, rules, w_e)
     judge_speeds(core, inputs, rules)
     contract.act(p.chosen, inputs, answer)
+    watch(p.monitor[0], rules.car, inputs)
     for quantity in range(N_QUANTITIES):
         inputs.fresh[quantity] = False
     if not contract.is_finite(p.chosen):
@@ -233,7 +235,7 @@ def run(
             core.status = shown.core[0].status
             n_rows += 1
         if health_due:
-            report(shown.inputs[0], now.health[0], health_rows[n_health])
+            report(shown.inputs[0], now.health[0], shown.monitor[0], health_rows[n_health])
             contract.report(now.chosen, health_rows[n_health])
             health_rows[n_health].status = shown.core[0].status
             n_health += 1
