@@ -21,6 +21,7 @@ from dctorque_can.plausibility.thresholds import (
     REST_S,
     RIDES_PART,
     RIDES_RAD_S,
+    SLIDES_PART,
 )
 from dctorque_can.plausibility.verdict import decide
 
@@ -63,8 +64,13 @@ def compare_phases(m: Any, car: Any, inputs: Any, dt: float) -> None:
                 m.ride_open[i] += way
                 if called_closed(inputs, 1 - i):
                     m.ride_crossed[i] += way
-        slides = is_in(m, i) and abs(m.slip[i]) > APART_RAD_S and called_closed(inputs, i)
-        m.closed_slides_s[i] = m.closed_slides_s[i] + dt if slides and other_holds else 0.0
+        slides = is_in(m, i) and abs(m.slip[i]) > APART_RAD_S and other_holds and bool(inputs.closed_known[i])
+        closed = slides and called_closed(inputs, i)
+        m.closed_slides_s[i] = m.closed_slides_s[i] + dt if closed else 0.0
+        if slides:
+            fade_s = faded(dt, MEMORY_S)
+            m.slide_s[i] = m.slide_s[i] * fade_s + dt
+            m.slide_closed_s[i] = m.slide_closed_s[i] * fade_s + (dt if closed else 0.0)
     if known and abs(m.w_b) < STANDSTILL and runs:
         if called_open(inputs, 0) and called_open(inputs, 1):
             m.rest_open_s += dt
@@ -100,9 +106,11 @@ def judge_phases(m: Any) -> None:
         told = m.ride_open[i] >= RIDES_RAD_S and part > RIDES_PART and not exchanged and not direction
         stays = m.ride_open[i] >= 0.5 * RIDES_RAD_S and part > 0.5 * RIDES_PART and not exchanged and not direction
         decide(m, _CALLED_OPEN << i, m.ride_open[i], told, stays, told)
-        slides = m.closed_slides_s[i] >= CLOSED_SLIDES_S and not exchanged and not direction
-        decide(m, _CALLED_CLOSED << i, m.closed_slides_s[i], slides, slides, slides)
+        told = m.closed_slides_s[i] >= CLOSED_SLIDES_S and not exchanged and not direction
+        stays = m.slide_closed_s[i] > SLIDES_PART * m.slide_s[i] and not exchanged and not direction
+        decide(m, _CALLED_CLOSED << i, m.slide_closed_s[i], told, stays, told)
     if exchanged or direction:  # by now it is known why
         m.ever &= ~_OF_ONE_CLUTCH
     told = m.launch_open_s >= LAUNCH_S and m.launch_open_s > LAUNCH_PART * m.launch_s
-    decide(m, _LAUNCH_CALLED_OPEN, m.launch_open_s, told, told, told)
+    stays = m.launch_open_s > 0.5 * LAUNCH_PART * m.launch_s
+    decide(m, _LAUNCH_CALLED_OPEN, m.launch_open_s, told, stays, told)

@@ -66,7 +66,11 @@ def compare_ratios(m: Any, car: Any, inputs: Any, dt: float) -> None:
         m.in_gear_s = m.in_gear_s * fade + dt
         m.crossed_s *= fade
         m.misread_s *= fade
-        if own > FITS_SHARE and inputs.mapped[SPEED_1 + 1 - i] and deviation(other, expected) < OTHER_SHARE:
+        crossed = False
+        if own > FITS_SHARE and inputs.mapped[SPEED_1 + 1 - i] and is_in(m, 1 - i):
+            others = car.ratio[m.gear[1 - i] + 1] * w_d
+            crossed = deviation(other, expected) < OTHER_SHARE and deviation(speed, others) < OTHER_SHARE
+        if crossed:
             m.crossed_s += dt
         elif own > FITS_SHARE:
             for number in range(1, MAX_GEAR + 1):

@@ -60,6 +60,8 @@ MONITOR = np.dtype(
         ("ride_open", "f8", (2,)),  # … while the clutch is called open
         ("ride_crossed", "f8", (2,)),  # … and the other one closed
         ("closed_slides_s", "f8", (2,)),  # without a break, while the other one holds
+        ("slide_s", "f8", (2,)),  # sliding beside the other one that holds
+        ("slide_closed_s", "f8", (2,)),  # … while it is called closed
         ("rest_open_s", "f8"),
         ("rest_closed_s", "f8"),
         ("launch_s", "f8"),

@@ -26,7 +26,7 @@ ROLLS_RAD_S = 8.0
 RATIO_S = 1.5
 """Seconds in a gear that a mean ratio needs."""
 RATIO_SHARE = 0.035
-"""Deviation of a ratio that is told: tyres differ by 2 % with wear and pressure, slip of driven wheels adds none."""
+"""Deviation of a ratio that is told: tyres differ by 2 % with wear and pressure, slip of driven ones adds none."""
 RATIO_SHARE_STRONG = 0.042
 """… and from which torques are not valid: the filter then sees a clutch slip that is none."""
 SAME_SHARE = 0.015
@@ -62,6 +62,8 @@ RIDES_PART = 0.3
 CLOSED_SLIDES_S = 4.0
 """Seconds without a break that a clutch is called closed and slides while the other one holds the engine. A shift
 is done in 2 s; at 10 N·m and 100 rad/s the clutch would take 1 kW."""
+SLIDES_PART = 0.2
+"""Part of the time that it slides like that lately, from which on it is still called closed too often."""
 REST_S = 1.0
 """Seconds at rest from which on both clutches are known to be called open, or closed, there."""
 LAUNCH_NM = 30.0

@@ -2,10 +2,10 @@
 
 One equation holds while one clutch alone has the engine's torque, locked or slipping, and while none has:
 
-    η^±1 T_en = k_J η^±1 (J_e + J_d) ω̇_e + k_m ((m r² + J_w) ω̇_b/R + η^±1 J_c ω̇_c) + T_v/R
+    η^±1 T_en = k_J η^±1 (J_e + J_d) dω_e/dt + k_m ((m r² + J_w)/R + η^±1 J_c R) dω_b/dt + T_v/R
 
-With k_J = k_m = 1 the file fits. All terms are smoothed alike, and what lasts is taken off (road load, offsets), so a
-regression over traffic gives both factors: the engine's own accelerations in launches and shifts tell k_J, those of
+With k_J = k_m = 1 the file fits. All terms are smoothed alike, and what lasts is taken off (road load, offsets). So
+a regression over traffic gives both factors: the engine's own accelerations in launches and shifts tell k_J, those of
 the car k_m. Both off by the same: the torque. k_m alone: the mass. k_J alone: the inertia.
 """
 
@@ -66,7 +66,7 @@ _NONE, _UNKNOWN = 2, -1
 
 @compiled_without_allocation
 def carrier_of(m: Any, car: Any, inputs: Any) -> int:
-    """Return the clutch with the engine's torque, `_NONE` or `_UNKNOWN`: by the speeds, else as they are called."""
+    """Return the clutch that has the engine's torque, by speeds or as it is called; `_NONE`; or `_UNKNOWN`."""
     _, w_d, _, _, _ = wheel_speeds(inputs)
     first, second = together(m, 0), together(m, 1)
     if first != second:
@@ -194,10 +194,10 @@ def judge_factors(m: Any) -> None:
     # what engine and car say alike needs less of a deviation
     known = error_J < KNOWN_SHARE * abs(k_J)
     both = max(k_J + TWICE * error_J, middle) < BOTH_LOW or min(k_J - TWICE * error_J, middle) > BOTH_HIGH
-    off = low or k_m - margin > FACTOR_HIGH or (both and known and not negative)
+    alike = known and k_J > 0.0 and max(k_J / middle, middle / k_J) < SAME_FACTOR
+    off = low or k_m - margin > FACTOR_HIGH or (both and alike and not negative)
     if m.findings & (_SCALE | _SCALE_OR_MASS | _MASS) and not negative:
         off |= middle < FACTOR_LOW / STANDS_ON or middle > FACTOR_HIGH * STANDS_ON
-    alike = known and k_J > 0.0 and max(k_J / middle, middle / k_J) < SAME_FACTOR
     sound = known and FACTOR_LOW < k_J < FACTOR_HIGH
     decide(m, _SIGN, -1.0, negative, negative, negative)
     scale = off and alike and not sound
