@@ -6,12 +6,14 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.parameters import DrivenAxle
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.estimators.inputs import (
     BRAKE,
     ENGINE_SPEED,
     ENGINE_TORQUE,
     SPEED_1,
+    WHEEL,
     braking,
     usable,
     wheel_speeds,
@@ -49,6 +51,15 @@ def complete(inputs: Any) -> bool:
     for i in range(2):
         there &= usable(inputs, SPEED_1 + i) or not inputs.mapped[SPEED_1 + i]
     return bool(there)
+
+
+@compiled_without_allocation
+def measures_axle(inputs: Any, driven: bool) -> bool:
+    """Return whether a wheel of the driven axle is measured, or of an undriven one."""
+    if inputs.driven_axle == DrivenAxle.ALL:
+        return driven
+    first = WHEEL + 2 if (inputs.driven_axle == DrivenAxle.REAR) == driven else WHEEL
+    return bool(inputs.mapped[first]) or bool(inputs.mapped[first + 1])
 
 
 @compiled_without_allocation

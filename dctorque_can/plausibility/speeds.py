@@ -6,16 +6,17 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.driveline.parameters import GEARS, MAX_GEAR
+from dctorque_can.driveline.parameters import GEARS, MAX_GEAR, STANDARD_GRAVITY
 from dctorque_can.estimators.inputs import SPEED_1, wheel_speeds
 from dctorque_can.plausibility.findings import Finding
-from dctorque_can.plausibility.signals import faded, is_in, rolls_free
+from dctorque_can.plausibility.signals import faded, is_in, measures_axle, rolls_free
 from dctorque_can.plausibility.thresholds import (
     AXLE_S,
     AXLE_SLOPE,
     CERTAIN,
     CORRELATED_S,
     FITS_SHARE,
+    LITTLE_PULL,
     MEMORY_S,
     MISREAD_PART,
     MISREAD_S,
@@ -50,10 +51,19 @@ def fits(inputs: Any, car: Any, i: int, w_d: float) -> bool:
 
 
 @compiled_without_allocation
+def pulls_little(m: Any, car: Any) -> bool:
+    """Return whether the tyres of the driven axle hardly slip, by the torque that is told."""
+    force = 0.0
+    for i in range(2):
+        force = max(force, abs(m.torque * car.ratio[m.gear[i] + 1]) / car.radius)
+    return bool(force < LITTLE_PULL * STANDARD_GRAVITY * car.inertia / (car.radius * car.radius))
+
+
+@compiled_without_allocation
 def compare_ratios(m: Any, car: Any, inputs: Any, dt: float) -> None:
     """Add what shafts and wheels say of the gears that are in."""
     _, w_d, _, _, _ = wheel_speeds(inputs)
-    if w_d < ROLLS_RAD_S:
+    if w_d < ROLLS_RAD_S or not (measures_axle(inputs, True) or pulls_little(m, car)):
         return
     fade = faded(dt, MEMORY_S)
     for i in range(2):

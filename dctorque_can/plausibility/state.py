@@ -75,6 +75,7 @@ MONITOR = np.dtype(
         ("sum_xy", "f8", (2,)),
         ("sum_yy", "f8"),
         ("sum_s", "f8"),
+        ("knows_body", "u1"),  # undriven wheels tell the speed of the body
         ("idle_s", "f8"),
         ("idle_nms", "f8"),  # N·m·s
         # verdicts

@@ -40,6 +40,9 @@ MISREAD_S = 2.0
 MISREAD_PART = 0.3
 """… as a part of all time in gear."""
 
+LITTLE_PULL = 0.1
+"""Force of the driven tyres, as a share of the weight, up to which they slip less than 1 %: ratios may then be
+compared with undriven wheels, where no driven one is measured."""
 AXLE_SLOPE = 0.003
 """Slip per m/s² by which the driven wheels must be slower before they are called undriven: a driven axle with half
 the load and the stiffest tyres (C = 30) has +0.007, and 10 ms between both messages at 50 km/h make 0.0002."""
@@ -90,9 +93,11 @@ STEADY_RAD_S2 = 25.0
 FACTOR_LOW, FACTOR_HIGH = 0.6, 1.5
 """Torque over acceleration of the car, as a share of what the file says, outside of which it is told. A mass wrong
 by 20 %, a torque by 8 % and a squared radius by 4 % make 0.70 to 1.35 at worst."""
-BOTH_LOW, BOTH_HIGH = 0.7, 1.6
+BOTH_LOW, BOTH_HIGH = 0.65, 1.6
 """The same where the accelerations of the engine alone agree: an inertia wrong by 10 %, a torque by 8 % and a lag
 of 60 ms make 0.75 to 1.3 there, in the first half minute up to 1.5, with a mass wrong to the same side."""
+SLIPPING_LOW, SLIPPING_HIGH = 0.35, 2.5
+"""The same where only driven wheels are measured: they also turn with the slip of the tyres, by as much again."""
 TWICE = 2.0
 """Standard errors by which the engine's factor must be beyond that: there are two witnesses."""
 INERTIA_LOW, INERTIA_HIGH = 0.4, 2.2

@@ -4,9 +4,9 @@ One equation holds while one clutch alone has the engine's torque, locked or sli
 
     η^±1 T_en = k_J η^±1 (J_e + J_d) dω_e/dt + k_m ((m r² + J_w)/R + η^±1 J_c R) dω_b/dt + T_v/R
 
-With k_J = k_m = 1 the file fits. All terms are smoothed alike, and what lasts is taken off (road load, offsets). So
-a regression over traffic gives both factors: the engine's own accelerations in launches and shifts tell k_J, those of
-the car k_m. Both off by the same: the torque. k_m alone: the mass. k_J alone: the inertia.
+With k_J = k_m = 1 the file fits. All terms are smoothed alike, and what lasts is taken off (road load, offsets).
+So a regression over traffic gives both factors: the engine's own accelerations in launches and shifts tell k_J,
+those of the car k_m. Both off by the same: the torque. k_m alone: the mass. k_J alone: the inertia.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.inputs import STANDSTILL, wheel_speeds
 from dctorque_can.plausibility.clutches import called_closed, called_open
 from dctorque_can.plausibility.findings import Finding
-from dctorque_can.plausibility.signals import faded, is_in, rolls_free, together
+from dctorque_can.plausibility.signals import faded, is_in, measures_axle, rolls_free, together
 from dctorque_can.plausibility.speeds import fits
 from dctorque_can.plausibility.thresholds import (
     BOTH_HIGH,
@@ -42,6 +42,8 @@ from dctorque_can.plausibility.thresholds import (
     PRIOR_ERROR,
     REGRESSION_S,
     SAME_FACTOR,
+    SLIPPING_HIGH,
+    SLIPPING_LOW,
     STANDS_ON,
     STEADY_RAD_S2,
     STEADY_US,
@@ -102,6 +104,7 @@ def compare_torque(m: Any, car: Any, inputs: Any, dt: float) -> None:
     if carrier != _NONE and not rolls_free(m, inputs):
         m.mean[0] = math.nan
         return
+    m.knows_body = measures_axle(inputs, False)
     y, x_1, x_2 = m.torque, car.engine_inertia * m.dw_e, 0.0
     if carrier != _NONE:
         ratio = car.ratio[gear + 1]
@@ -189,15 +192,16 @@ def judge_factors(m: Any) -> None:
     k_J, error_J, k_m, error_m, most = factors(m)
     margin = CERTAIN * error_m
     negative = k_m + margin < 0.0 and most > MOST_NEGATIVE
-    low = not negative and most > 0.0 and most * (1.0 + margin / max(abs(k_m), 1e-9)) < FACTOR_LOW
+    lowest, highest = (FACTOR_LOW, FACTOR_HIGH) if m.knows_body else (SLIPPING_LOW, SLIPPING_HIGH)
+    low = not negative and most > 0.0 and most * (1.0 + margin / max(abs(k_m), 1e-9)) < lowest
     middle = math.sqrt(max(k_m * most, 1e-6))
     # what engine and car say alike needs less of a deviation
     known = error_J < KNOWN_SHARE * abs(k_J)
     both = max(k_J + TWICE * error_J, middle) < BOTH_LOW or min(k_J - TWICE * error_J, middle) > BOTH_HIGH
     alike = known and k_J > 0.0 and max(k_J / middle, middle / k_J) < SAME_FACTOR
-    off = low or k_m - margin > FACTOR_HIGH or (both and alike and not negative)
+    off = low or k_m - margin > highest or (both and alike and m.knows_body and not negative)
     if m.findings & (_SCALE | _SCALE_OR_MASS | _MASS) and not negative:
-        off |= middle < FACTOR_LOW / STANDS_ON or middle > FACTOR_HIGH * STANDS_ON
+        off |= middle < lowest / STANDS_ON or middle > highest * STANDS_ON
     sound = known and FACTOR_LOW < k_J < FACTOR_HIGH
     decide(m, _SIGN, -1.0, negative, negative, negative)
     scale = off and alike and not sound
