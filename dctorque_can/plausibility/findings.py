@@ -146,15 +146,15 @@ def _torque_or_mass(factor: float, gear: int) -> str:
 
 def _mass(factor: float, gear: int) -> str:
     return (
-        f"the car accelerates as with {factor:.2g} times its mass, while the engine alone does as it should. "
-        "Look at vehicle.chassis.mass_kg"
+        f"the car accelerates as with {factor:.2g} times the mass that is told, while the engine alone does as "
+        "it should. Look at vehicle.chassis.mass_kg (load, trailer?)"
     )
 
 
 def _engine_inertia(factor: float, gear: int) -> str:
     return (
-        f"the engine accelerates as with {factor:.2g} times its inertia, while the car does as it should. "
-        "Look at vehicle.engine_inertia_kgm2"
+        f"the engine accelerates as with {factor:.2g} times the inertia that is told, while the car does as it "
+        "should. Look at vehicle.engine_inertia_kgm2"
     )
 
 

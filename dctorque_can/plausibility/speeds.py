@@ -21,6 +21,7 @@ from dctorque_can.plausibility.thresholds import (
     MISREAD_PART,
     MISREAD_S,
     OTHER_SHARE,
+    RATIO_RATE,
     RATIO_S,
     RATIO_SHARE,
     RATIO_SHARE_STRONG,
@@ -63,7 +64,9 @@ def pulls_little(m: Any, car: Any) -> bool:
 def compare_ratios(m: Any, car: Any, inputs: Any, dt: float) -> None:
     """Add what shafts and wheels say of the gears that are in."""
     _, w_d, _, _, _ = wheel_speeds(inputs)
-    if w_d < ROLLS_RAD_S or not (measures_axle(inputs, True) or pulls_little(m, car)):
+    if w_d < ROLLS_RAD_S or abs(m.dw_b) > RATIO_RATE * w_d:
+        return
+    if not (measures_axle(inputs, True) or pulls_little(m, car)):
         return
     fade = faded(dt, MEMORY_S)
     for i in range(2):

@@ -23,6 +23,8 @@ STEADY_US = 500_000
 """A gear counts when it has been in for so long: a synchroniser and the swing after it are over."""
 ROLLS_RAD_S = 8.0
 """Wheels must turn so fast for a ratio: 0.02 rad/s of noise and 10 ms of delay are then below 1 %."""
+RATIO_RATE = 0.5
+"""Speeds that change by a larger share in a second are left out: those 40 ms late are 2 % off then."""
 RATIO_S = 1.5
 """Seconds in a gear that a mean ratio needs."""
 RATIO_SHARE = 0.035
@@ -93,6 +95,8 @@ STEADY_RAD_S2 = 25.0
 FACTOR_LOW, FACTOR_HIGH = 0.6, 1.5
 """Torque over acceleration of the car, as a share of what the file says, outside of which it is told. A mass wrong
 by 20 %, a torque by 8 % and a squared radius by 4 % make 0.70 to 1.35 at worst."""
+STRONG_LOW, STRONG_HIGH = 0.55, 2.2
+"""… and outside of which no torque is valid, if it may be the mass: a full load or a trailer is told, no more."""
 BOTH_LOW, BOTH_HIGH = 0.65, 1.6
 """The same where the accelerations of the engine alone agree: an inertia wrong by 10 %, a torque by 8 % and a lag
 of 60 ms make 0.75 to 1.3 there, in the first half minute up to 1.5, with a mass wrong to the same side."""

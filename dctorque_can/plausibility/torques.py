@@ -47,6 +47,8 @@ from dctorque_can.plausibility.thresholds import (
     STANDS_ON,
     STEADY_RAD_S2,
     STEADY_US,
+    STRONG_HIGH,
+    STRONG_LOW,
     TWICE,
 )
 from dctorque_can.plausibility.verdict import decide
@@ -208,8 +210,9 @@ def judge_factors(m: Any) -> None:
     mass = off and sound and not alike
     either = off and not scale and not mass
     decide(m, _SCALE, 1.0 / middle, scale, scale, scale)
-    decide(m, _MASS, middle, mass, mass, mass)
-    decide(m, _SCALE_OR_MASS, 1.0 / middle, either, either, either)
+    far = middle < STRONG_LOW or middle > STRONG_HIGH
+    decide(m, _MASS, middle, mass, mass, mass and far)
+    decide(m, _SCALE_OR_MASS, 1.0 / middle, either, either, either and far)
     if scale or mass:  # by now it is known which
         m.ever &= ~_SCALE_OR_MASS
     inertia = k_J + CERTAIN * error_J < INERTIA_LOW or k_J - CERTAIN * error_J > INERTIA_HIGH
