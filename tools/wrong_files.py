@@ -158,6 +158,7 @@ def mistakes(config: Config) -> dict[str, Settings]:
     return {
         "engine torque with the wrong sign": {f"{torque}.factor": "-1", f"{torque}.range": "[-1000, 500]"},
         "half the engine torque": {f"{torque}.factor": "0.5"},
+        "twice the engine torque": {f"{torque}.factor": "2"},
         "engine torque +40 N·m": {f"{torque}.offset": "40"},
         "engine torque −40 N·m": {f"{torque}.offset": "-40"},
         "engine torque −300 N·m": {f"{torque}.offset": "-300", f"{torque}.range": "[-1000, 1000]"},
@@ -175,6 +176,7 @@ def mistakes(config: Config) -> dict[str, Settings]:
         "mass × 10": {"vehicle.chassis.mass_kg": str(10 * chassis.mass_kg)},
         "mass / 10": {"vehicle.chassis.mass_kg": str(0.1 * chassis.mass_kg)},
         "engine inertia × 10": {"vehicle.engine_inertia_kgm2": str(10 * inertia)},
+        "engine inertia / 10": {"vehicle.engine_inertia_kgm2": str(0.1 * inertia)},
         "wheel radius +5 %": {"vehicle.chassis.wheel_radius_m": str(1.05 * chassis.wheel_radius_m)},
         "wheel radius −5 %": {"vehicle.chassis.wheel_radius_m": str(0.95 * chassis.wheel_radius_m)},
         "front wheel speeds +5 %": scaled("1.05", "fl", "fr"),
