@@ -14,12 +14,13 @@ NAME = PACKAGE.name
 DOCUMENT = PACKAGE.parent / "docs" / "architecture.md"
 
 # What two columns of an estimate mean, `ClutchPhase`, is physics: its definition is a word too.
-WORDS = ("pipeline.frames", "pipeline.samples", "pipeline.estimates", "driveline.phases")
+WORDS = ("pipeline.frames", "pipeline.samples", "pipeline.estimates", "driveline.phases", "plausibility.findings")
 DESIGNS = ("estimators.kalman.design", "estimators.oh2014.design")
 ALLOWED: dict[str, tuple[str, ...]] = {
     "driveline": (),
     "estimators": ("driveline", *WORDS),
-    "pipeline": ("estimators", "driveline"),
+    "plausibility": ("driveline", "estimators", *WORDS),
+    "pipeline": ("plausibility", "estimators", "driveline"),
     "bus": WORDS,
     "logs": WORDS,
     "simulation": ("driveline", *WORDS, "bus"),
@@ -57,6 +58,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "cli": (
         "driveline",
         "estimators",
+        "plausibility",
         "pipeline",
         "bus",
         "logs",
@@ -73,7 +75,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 """What each room, or file at the top of the package, may know besides `FOR_ALL`."""
 FOR_ALL = ("compiled", "compiling", "errors", "resources")
 
-CORE = ("driveline", "estimators", "pipeline")
+CORE = ("driveline", "estimators", "plausibility", "pipeline")
 CORE_MODULES = {"numpy", "scipy", "numba", NAME}
 CORE_STANDARD_MODULES = {
     "__future__",

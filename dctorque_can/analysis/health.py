@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.consistency import nis
 from dctorque_can.pipeline.samples import Input, Quantity
+from dctorque_can.plausibility.findings import sentences
 
 _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
 
 
 def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
-    """Return what a `HEALTH` record ``[1]`` has counted, and what was learned of the engine torque."""
+    """Return what a `HEALTH` record ``[1]`` has counted, and what was learned and found."""
     record = health[0]
     counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
     for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
@@ -26,7 +27,28 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
     learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
     counts["engine_torque"] = learned if sensors else {}
+    counts["findings"] = findings(health)
     return counts
+
+
+def findings(health: NDArray[np.void]) -> list[dict[str, Any]]:
+    """Return what contradicted the vehicle file at any time up to a `HEALTH` record ``[1]``.
+
+    Each has its name, whether it ``stands`` at the end, whether no torque is valid while it does so, the number
+    that was ``measured`` last, and what it ``says`` in a sentence.
+    """
+    record = health[0]
+    told = sentences(int(record["findings_ever"]), record["finding_measured"], int(record["finding_gear"]))
+    return [
+        {
+            "finding": str(finding.name).lower(),
+            "stands": bool(record["findings"] & finding),
+            "torques_not_valid": bool(record["findings_strong"] & finding),
+            "measured": measured,
+            "says": sentence,
+        }
+        for finding, measured, sentence in told
+    ]
 
 
 def never_received(inputs: Sequence[Input], health: NDArray[np.void]) -> list[str]:

@@ -14,6 +14,7 @@ FAULTS = (
     *(Status.INPUT_STALE, Status.SPEED_IMPLAUSIBLE, Status.LIMITED),
     *(Status.ENGINE_SPEED_FAULT, Status.SHAFT1_SPEED_FAULT, Status.SHAFT2_SPEED_FAULT),
     *(Status.DRIVEN_WHEELS_FAULT, Status.UNDRIVEN_WHEELS_FAULT, Status.ENGINE_TORQUE_FAULT),
+    Status.VEHICLE_FILE_IMPLAUSIBLE,
 )
 """Bits of the status that say that something is wrong."""
 BOTH_CLUTCHES = Status.CLUTCH1_VALID | Status.CLUTCH2_VALID

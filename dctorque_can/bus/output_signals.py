@@ -36,6 +36,7 @@ CONTENTS: dict[str, tuple[str, ...]] = {
         *("Converged", "InputStale", "SpeedImplausible", "EstimateLimited"),
         *("EngineSpeedFault", "Shaft1SpeedFault", "Shaft2SpeedFault"),
         *("DrivenWheelsFault", "UndrivenWheelsFault", "EngineTorqueFault"),
+        "VehicleFileImplausible",
     ),
     "DctUncertainty": (
         *("DctUncertaintyState", "Clutch1SigmaValid", "Clutch2SigmaValid", "OutputSigmaValid"),
@@ -74,6 +75,7 @@ _TIE_UP = int(Status.TIE_UP_KNOWN)
 _ENGINE_FAULT, _SHAFT1_FAULT = int(Status.ENGINE_SPEED_FAULT), int(Status.SHAFT1_SPEED_FAULT)
 _SHAFT2_FAULT, _DRIVEN_FAULT = int(Status.SHAFT2_SPEED_FAULT), int(Status.DRIVEN_WHEELS_FAULT)
 _UNDRIVEN_FAULT, _TORQUE_FAULT = int(Status.UNDRIVEN_WHEELS_FAULT), int(Status.ENGINE_TORQUE_FAULT)
+_FILE_IMPLAUSIBLE = int(Status.VEHICLE_FILE_IMPLAUSIBLE)
 _LOCKED = int(ClutchPhase.LOCKED)
 
 
@@ -94,7 +96,7 @@ def _state(status: np.int64) -> float:
     """Return the value of the value tables Dct…State."""
     if status & _CONVERGED == 0:
         return STARTING
-    return DEGRADED if status & (_STALE | _IMPLAUSIBLE | _LIMITED) else ESTIMATING
+    return DEGRADED if status & (_STALE | _IMPLAUSIBLE | _LIMITED | _FILE_IMPLAUSIBLE) else ESTIMATING
 
 
 @compiled_without_allocation
@@ -146,6 +148,7 @@ def _status(row: Any, status: np.int64, out: NDArray[np.float64], i: int) -> Non
     out[i, 15] = _flag(status, _DRIVEN_FAULT)
     out[i, 16] = _flag(status, _UNDRIVEN_FAULT)
     out[i, 17] = _flag(status, _TORQUE_FAULT)
+    out[i, 18] = _flag(status, _FILE_IMPLAUSIBLE)
 
 
 @compiled_without_allocation

@@ -68,7 +68,7 @@ def replay(
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
-            from dctorque_can.report.status_lines import status_lines
+            from dctorque_can.report.status_lines import finding_lines, status_lines
 
         if output is not None:
             refuse_existing(output, logs, force)
@@ -94,6 +94,8 @@ def replay(
             f"{result.valid_estimates} with valid clutch torques" + (f", in {output}" if output else "")
         )
         for line in status_lines(result.status) if result.estimates else ():
+            say(line)
+        for line in finding_lines(result.health["findings"]):
             say(line)
         if result.health["nis"]:
             sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())

@@ -23,6 +23,7 @@ from dctorque_can.pipeline.decisions import decide_gears, decide_phases, follow_
 from dctorque_can.pipeline.parts import Parts, Records
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
+from dctorque_can.plausibility.monitor import watch
 
 LATEST_US = 2**60  # times beyond ±36 000 years are taken as this, so that differences never overflow
 
@@ -156,6 +157,7 @@ def take(p: Records, rules: Any, queue: Any, place: int, t_us: int) -> None:
     decide_phases(core, inputs, rules, w_e)
     judge_speeds(core, inputs, rules)
     contract.act(p.chosen, inputs, answer)
+    watch(p.monitor, rules.car, inputs)
     for quantity in range(N_QUANTITIES):
         inputs.fresh[quantity] = False
     if not contract.is_finite(p.chosen):
@@ -187,9 +189,17 @@ def run(
     Where health is ``asked`` for, another row of it is written at the end.
     """
     rules, queue = rule[0], queues[0]
-    present = Records(now.core[0], now.inputs[0], now.answer[0], now.health[0], now.derived[0], now.chosen)
+    present = Records(
+        now.core[0], now.inputs[0], now.answer[0], now.health[0], now.derived[0], now.monitor[0], now.chosen
+    )
     future = Records(
-        ahead.core[0], ahead.inputs[0], ahead.answer[0], ahead.health[0], ahead.derived[0], ahead.chosen
+        ahead.core[0],
+        ahead.inputs[0],
+        ahead.answer[0],
+        ahead.health[0],
+        ahead.derived[0],
+        ahead.monitor[0],
+        ahead.chosen,
     )
     core, inputs = present.core, present.inputs
     n_rows = n_health = 0
@@ -238,7 +248,7 @@ def run(
             core.status = shown.core.status
             n_rows += 1
         if health_due:
-            report(shown.inputs, present.health, health_rows[n_health])
+            report(shown.inputs, present.health, shown.monitor, health_rows[n_health])
             contract.report(present.chosen, health_rows[n_health])
             health_rows[n_health].status = shown.core.status
             n_health += 1

@@ -105,7 +105,7 @@ def follow(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
         weigh(d, inputs, rules, answer)
         direction = inputs.direction
         odds = d.odds + d.steepness if d.t_us != NEVER else 0.0
-        if d.t_us == NEVER:
+        if d.t_us == NEVER or d.moved_us == inputs.t_us:
             direction = 0
         elif odds > _DECIDED:
             direction = 1

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.pipeline.samples import N_QUANTITIES
+from dctorque_can.plausibility.findings import N_FINDINGS
 
 
 class Status(IntFlag):
@@ -40,6 +41,7 @@ class Status(IntFlag):
     DRIVEN_WHEELS_FAULT = 1 << 20
     UNDRIVEN_WHEELS_FAULT = 1 << 21
     ENGINE_TORQUE_FAULT = 1 << 22
+    VEHICLE_FILE_IMPLAUSIBLE = 1 << 23  # what the car does contradicts the vehicle file: see findings in HEALTH
 
 
 ESTIMATE = np.dtype(
@@ -116,6 +118,11 @@ HEALTH = np.dtype(
         ("clock_resets", "u4"),
         ("numeric_resets", "u4"),  # a state was no number any more
         ("status", "u4"),  # Status of the last estimate
+        ("findings", "u4"),  # plausibility.findings.Finding that stand
+        ("findings_strong", "u4"),  # of these, those for which no torque is valid
+        ("findings_ever", "u4"),  # that have stood since the start
+        ("finding_gear", "i4"),  # that the last finding about a gear means
+        ("finding_measured", "f8", (N_FINDINGS,)),  # the number in the sentence of each
     ],
 )
 """One health record, cumulative since the start."""

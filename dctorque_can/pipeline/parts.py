@@ -12,6 +12,7 @@ from dctorque_can.pipeline import derived
 from dctorque_can.pipeline.estimates import HEALTH
 from dctorque_can.pipeline.rules import CORE, first_core, first_inputs
 from dctorque_can.pipeline.settings import Settings
+from dctorque_can.plausibility.state import MONITOR, first
 
 
 class Parts(NamedTuple):
@@ -23,6 +24,7 @@ class Parts(NamedTuple):
         answer: `contract.ANSWER`.
         health: `HEALTH`.
         derived: `derived.DERIVED`.
+        monitor: `MONITOR`.
         chosen: the estimator (`contract`).
         memory: int64 ``[n]``, in which all of these stand, but for the estimator's tape.
     """
@@ -32,6 +34,7 @@ class Parts(NamedTuple):
     answer: NDArray[np.void]
     health: NDArray[np.void]
     derived: NDArray[np.void]
+    monitor: NDArray[np.void]
     chosen: Any
     memory: NDArray[np.int64]
 
@@ -44,6 +47,7 @@ class Records(NamedTuple):
     answer: Any
     health: Any
     derived: Any
+    monitor: Any
     chosen: Any
 
 
@@ -57,19 +61,20 @@ def new(chosen: Any, settings: Settings, coolant_c: NDArray[np.float64]) -> Part
     """
     state = chosen.state.dtype
     # the estimator comes last, since its tape is not part of what is kept
-    dtypes = (CORE, contract.INPUTS, contract.ANSWER, HEALTH, derived.DERIVED, state)
+    dtypes = (CORE, contract.INPUTS, contract.ANSWER, HEALTH, derived.DERIVED, MONITOR, state)
     ends = np.cumsum([-(-dtype.itemsize // 8) for dtype in dtypes])
     everything = np.zeros(ends[-1], np.int64)
-    core, inputs, answer, health, derived_, own = (
+    core, inputs, answer, health, derived_, monitor, own = (
         everything[end - -(-dtype.itemsize // 8) : end].view(np.uint8)[: dtype.itemsize].view(dtype)
         for dtype, end in zip(dtypes, ends, strict=True)
     )
     first_core(core)
     first_inputs(settings, inputs)
     derived_[:] = derived.new(coolant_c)
+    first(monitor)
     tape = state["tape"].itemsize if "tape" in (state.names or ()) else 0
     for name in state.names or ():
         if name != "tape":
             own[name] = chosen.state[name]
     kept = everything[: ends[-1] - tape // 8]
-    return Parts(core, inputs, answer, health, derived_, chosen._replace(state=own), kept)
+    return Parts(core, inputs, answer, health, derived_, monitor, chosen._replace(state=own), kept)

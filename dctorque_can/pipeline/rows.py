@@ -15,6 +15,7 @@ from dctorque_can.pipeline.estimates import SENSORS, Status
 from dctorque_can.pipeline.parts import Records
 from dctorque_can.pipeline.samples import N_QUANTITIES
 from dctorque_can.pipeline.thresholds import IMPLAUSIBLE_TIME_US
+from dctorque_can.plausibility.findings import N_FINDINGS
 
 _CONVERGED = int(Status.CONVERGED)
 _ALL_VALID = int(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID)
@@ -23,6 +24,7 @@ _PHASES_KNOWN = int(Status.PHASES_KNOWN)
 _INPUT_STALE = int(Status.INPUT_STALE)
 _SPEED_IMPLAUSIBLE = int(Status.SPEED_IMPLAUSIBLE)
 _LIMITED = int(Status.LIMITED)
+_VEHICLE_FILE_IMPLAUSIBLE = int(Status.VEHICLE_FILE_IMPLAUSIBLE)
 _SENSORS = len(SENSORS)
 
 
@@ -36,7 +38,7 @@ def publish(p: Records, rules: Any, row: Any) -> None:
     row.phase1, row.phase2 = inputs.phase[0], inputs.phase[1]
     status = contract.conclude(p.chosen, inputs, answer, row)
     limited = limit(inputs, row)
-    core.status = judge(core, inputs, bool(answer.running), status, limited)
+    core.status = judge(core, inputs, p.monitor, bool(answer.running), status, limited)
     core.status |= derived.report(inputs, rules, answer, p.derived, row)
     row.status = core.status
 
@@ -85,10 +87,11 @@ def limit(inputs: Any, row: Any) -> bool:
 
 
 @compiled_without_allocation
-def judge(core: Any, inputs: Any, running: bool, status: int, limited: bool) -> int:
+def judge(core: Any, inputs: Any, monitor: Any, running: bool, status: int, limited: bool) -> int:
     """Return the `Status` bits of an estimate from those that the estimator gave it.
 
-    No torque is valid that is limited, or stands on gears that are not known or on speeds that do not fit them.
+    No torque is valid that is limited, stands on gears that are not known or on speeds that do not fit
+    them, or while the vehicle file is strongly contradicted.
     """
     if gears_known(inputs):
         status |= _GEARS_KNOWN
@@ -102,12 +105,16 @@ def judge(core: Any, inputs: Any, running: bool, status: int, limited: bool) -> 
         status |= _SPEED_IMPLAUSIBLE
     if not status & _CONVERGED or core.implausible_us != NEVER or limited or not status & _GEARS_KNOWN:
         status &= ~_ALL_VALID
+    if monitor.findings != 0:
+        status |= _VEHICLE_FILE_IMPLAUSIBLE
+    if monitor.strong != 0:
+        status &= ~_ALL_VALID
     return status
 
 
 @compiled_without_allocation
-def report(inputs: Any, health: Any, row: Any) -> None:
-    """Copy the counters into a health row."""
+def report(inputs: Any, health: Any, monitor: Any, row: Any) -> None:
+    """Copy the counters and findings into a health row."""
     row.t_us = inputs.t_us
     for sensor in range(_SENSORS):
         row.innovations[sensor] = row.innovations_rejected[sensor] = 0
@@ -128,3 +135,7 @@ def report(inputs: Any, health: Any, row: Any) -> None:
     row.gap_resets = health.gap_resets
     row.clock_resets = health.clock_resets
     row.numeric_resets = health.numeric_resets
+    row.findings, row.findings_strong, row.findings_ever = monitor.findings, monitor.strong, monitor.ever
+    row.finding_gear = monitor.finding_gear
+    for place in range(N_FINDINGS):
+        row.finding_measured[place] = monitor.measured[place]

@@ -11,6 +11,7 @@ from dctorque_can.pipeline.direction import DIRECTION, SIGNED, first_direction
 from dctorque_can.pipeline.samples import N_QUANTITIES
 from dctorque_can.pipeline.settings import Settings
 from dctorque_can.pipeline.thresholds import CAPACITY_MARGIN, PLAUSIBLE_WHEEL_SPEED, WIDEST
+from dctorque_can.plausibility.state import CAR, car
 
 RULES = np.dtype(
     [
@@ -42,6 +43,7 @@ RULES = np.dtype(
         ("heat_capacity", "f8", (2,)),  # J/K
         ("cooling", "f8", (2,)),  # W/K
         ("coolant", "f8", (2,)),  # °C
+        ("car", CAR),
     ],
     align=True,
 )
@@ -104,6 +106,7 @@ def rules(settings: Settings) -> NDArray[np.void]:
             r["heat_capacity"][i] = thermal.heat_capacity_j_per_k
             r["cooling"][i] = thermal.cooling_w_per_k
             r["coolant"][i] = thermal.coolant_c
+    record["car"] = car(settings.vehicle, settings.driven_axle)
     return record
 
 

@@ -9,7 +9,17 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parents[1]
 SIMULATION = ("driveline", "bus", "simulation")
 """Rooms that frames and truth of a car come from."""
-EVERYTHING = (*SIMULATION, "estimators", "pipeline", "config", "chain.py", "analysis", "offline", "study")
+EVERYTHING = (
+    *SIMULATION,
+    "estimators",
+    "plausibility",
+    "pipeline",
+    "config",
+    "chain.py",
+    "analysis",
+    "offline",
+    "study",
+)
 """… and the figures of its estimates."""
 
 

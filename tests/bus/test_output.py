@@ -219,6 +219,7 @@ def test_the_correlation_over_its_whole_range(correlation):
         (ALL_VALID, "estimating"),
         (ALL_VALID | Status.INPUT_STALE, "degraded"),
         (ALL_VALID | Status.LIMITED, "degraded"),
+        (ALL_VALID | Status.VEHICLE_FILE_IMPLAUSIBLE, "degraded"),
         (Status.INPUT_STALE, "starting"),
     ],
 )
@@ -236,6 +237,7 @@ def test_the_state_and_every_status_bit(status, state):
         "InputStale": Status.INPUT_STALE,
         "SpeedImplausible": Status.SPEED_IMPLAUSIBLE,
         "EstimateLimited": Status.LIMITED,
+        "VehicleFileImplausible": Status.VEHICLE_FILE_IMPLAUSIBLE,
     }
     assert {name: found["DctStatus"][name] for name in bits} == {
         name: int(bit in status) for name, bit in bits.items()
