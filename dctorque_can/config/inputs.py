@@ -258,7 +258,11 @@ class InputBuilder:
         signal = self._signal(f"{term.message}.{term.signal}")
         if signal is None or signal.conversion.is_float:
             return signal is None or signal.minimum is None or signal.minimum < 0
-        ends = (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1) if signal.is_signed else (0, 2**signal.length - 1)
+        ends = (
+            (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1)
+            if signal.is_signed
+            else (0, 2**signal.length - 1)
+        )
         return any(term.factor * (signal.scale * raw + signal.offset) + term.offset < 0.0 for raw in ends)
 
     def _unit(self, path: KeyPath, term: TermSection, dimension: Dimension) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""Which way the car goes, where the bus does not say: most production sensors count teeth, whichever way they pass.
+"""Which way the car goes, where the bus does not say: most production sensors count teeth, forwards and backwards.
 
 Such a speed is a magnitude. At rest both directions are possible. Once the car moves, each is a hypothesis with a
 small filter of its own, of the speed v and the road load T_v at the wheel:
@@ -8,8 +8,8 @@ small filter of its own, of the speed v and the road load T_v at the wheel:
 A load is what slope, wind and brakes make of it: it is seldom a steep one, and changes slowly while nobody brakes.
 The clutch torques T_c are known from the engine's side. So a car that rolls back and is caught by its clutch shows
 which way it went. Speed and engine that keep together through a closed clutch show it too, since no engine turns
-backwards. While both hypotheses are likely, the direction is unknown (0), and estimators do without what the speeds
-of the car say of its acceleration.
+backwards. While both hypotheses are likely, the direction is not known (0): estimators do without what the car's
+speeds say of its acceleration.
 
 SI units: rad/s at the wheel, N·m, s.
 """
@@ -275,7 +275,7 @@ def judge(d: Any, inputs: Any, rules: Any, speed: float, torque: float, seconds:
 
 @compiled_without_allocation
 def weigh_slip(d: Any, inputs: Any, rules: Any) -> None:
-    """Take it for a sign of the gear's direction while the shaft of a closed clutch turns as fast as the engine."""
+    """Take it for the gear's direction while the shaft of a closed clutch turns as fast as the engine."""
     sign = 0.0
     for i in range(2):
         ratio = rules.ratio[inputs.gear[i] + 1]
