@@ -73,6 +73,7 @@ def forget(p: Records, t_us: int) -> None:
         core.candidate_us[i] = core.slip_small_us[i] = NEVER
         inputs.gear_known[i] = False
         inputs.phase[i] = ClutchPhase.OPEN
+    direction.forget(core.direction, inputs)
 
 
 @compiled_without_allocation

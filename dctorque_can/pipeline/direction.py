@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.parameters import DrivenAxle
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.estimators.inputs import (
     BRAKE,
@@ -30,7 +31,6 @@ from dctorque_can.estimators.inputs import (
     SPEED_1,
     STANDSTILL,
     WHEEL,
-    axle_speed,
     usable,
     wheel_speeds,
 )
@@ -77,6 +77,7 @@ _TORQUE_NOISE = 0.03  # √s, noise of the torque by its size: a tenth for a ten
 _FIRST_VARIANCE = 0.1**2
 _LEAST_VARIANCE = 0.03**2
 _FORGETTING = 0.1  # of the variance, by each sample
+_FASTEST_BACKWARDS = 30.0  # rad/s, 9 m/s, at which no car rolls backwards out of reverse gear
 _LONGEST_S = 0.2  # between two samples; later ones begin anew
 
 
@@ -84,6 +85,15 @@ def first_direction(direction: NDArray[np.void]) -> None:
     """Make ``direction``, a `DIRECTION` ``[1]`` of zeros, what it is before the first frame."""
     for name in ("t_us", "moved_us", "braked_us", "together_us"):
         direction[name] = NEVER
+
+
+@compiled_without_allocation
+def forget(d: Any, inputs: Any) -> None:
+    """Know nothing of the direction any more; which speeds have a sign is a matter of the car, and stays."""
+    d.t_us = d.moved_us = d.braked_us = d.together_us = NEVER
+    d.odds = d.steepness = 0.0
+    if inputs.magnitudes:
+        inputs.direction = 0
 
 
 @compiled_without_allocation
@@ -107,7 +117,7 @@ def follow(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
         odds = d.odds + d.steepness if d.t_us != NEVER else 0.0
         if d.t_us == NEVER or d.moved_us == inputs.t_us:
             direction = 0
-        elif odds > _DECIDED:
+        if odds > _DECIDED:
             direction = 1
         elif odds < -_DECIDED:
             direction = -1
@@ -197,12 +207,16 @@ def weigh(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
 @compiled_without_allocation
 def magnitude(inputs: Any) -> tuple[bool, float]:
     """Return whether a wheel speed is new, and how fast the car is: by the undriven wheels, if there are any."""
-    rear = inputs.driven_axle != 1  # DrivenAxle.REAR
+    undriven = WHEEL if inputs.driven_axle == DrivenAxle.REAR else WHEEL + 2
     fresh = inputs.fresh[WHEEL] or inputs.fresh[WHEEL + 1] or inputs.fresh[WHEEL + 2] or inputs.fresh[WHEEL + 3]
-    known, speed = axle_speed(inputs, WHEEL + 2 if rear else WHEEL)
-    if not known:
-        known, speed = axle_speed(inputs, WHEEL if rear else WHEEL + 2)
-    return bool(known and fresh), abs(speed)
+    for axle in (undriven, 2 * WHEEL + 2 - undriven):
+        speed = -1.0
+        for wheel in range(axle, axle + 2):
+            if usable(inputs, wheel):
+                speed = max(speed, abs(inputs.value[wheel]))  # of a dead wheel's neighbour
+        if speed >= 0.0:
+            return bool(fresh), speed
+    return False, 0.0
 
 
 @compiled_without_allocation
@@ -230,6 +244,9 @@ def begin(d: Any, inputs: Any, rules: Any, speed: float) -> None:
     """Start both hypotheses at a measured speed."""
     d.odds, d.moved_us, d.variance = 0.0, inputs.t_us, _FIRST_VARIANCE
     d.steepness = 0.0
+    in_reverse = rules.ratio[inputs.gear[0] + 1] < 0.0 or rules.ratio[inputs.gear[1] + 1] < 0.0
+    if speed > _FASTEST_BACKWARDS and not in_reverse:
+        d.odds = _SETTLED
     braked = d.braked_us > inputs.t_us - _BRAKED_US
     grade = _BRAKED_GRADE if braked else _USUAL_GRADE
     for h in range(2):

@@ -32,10 +32,10 @@ from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
 from dctorque_can.estimators.kalman.filter import Kalman, measure
 from dctorque_can.estimators.kalman.learning import noise_factor
-from dctorque_can.estimators.kalman.model import DT_E, GAIN, W_B, W_C1, W_D, W_E, N
+from dctorque_can.estimators.kalman.model import DT_E, GAIN, W_B, W_C1, W_D, W_E, W_W, N
 from dctorque_can.estimators.kalman.noise import engine_variance
 from dctorque_can.estimators.kalman.thresholds import BRIDGED_US, FASTEST_WHEEL, IMPLAUSIBLE_TORQUE
-from dctorque_can.estimators.kalman.wheels import keep_driven_near, measure_axle, stand_in_for_undriven
+from dctorque_can.estimators.kalman.wheels import measure_axle, measure_either_way, stand_in_for_undriven
 from dctorque_can.pipeline.samples import Signs
 
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
@@ -108,35 +108,61 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     stands = abs(f.x[W_B]) < STANDSTILL
     before_us = f.t_us
     kalman.predict(f, k.tables, tuning, phase_1, phase_2, braking(inputs), stands, inputs.t_us)
-    take_torque(inputs, f, tuning, (f.t_us - before_us) * 1e-6)
+    seconds = (f.t_us - before_us) * 1e-6
+    take_torque(inputs, f, tuning, seconds)
     gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
     gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
+    take_direction(inputs, f, tuning, stands, seconds)
+    measure_speed(inputs, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.fastest_engine)
+    for i in range(2):
+        measure_shaft(inputs, f, tuning, i, stands, seconds)
+    measure_wheels(inputs, f, tuning, seconds)
+    take_hints(inputs, f, tuning, phase_1, phase_2)
+    gearbox.decide_directions(f, tuning, phase_1, phase_2)
+
+
+@compiled_without_allocation
+def take_direction(inputs: Any, f: Any, tuning: Any, stands: bool, seconds: float) -> None:
+    """Take which way the car goes: while that is not known it may roll either way, unless brakes hold it."""
     if inputs.direction == 0 and not (stands and braking(inputs)):
-        gearbox.let_roll(f, tuning, (f.t_us - before_us) * 1e-6)
+        gearbox.let_roll(f, tuning, seconds)
     elif inputs.magnitudes and inputs.heading != f.heading and f.x[W_B] * inputs.heading < 0.0:
         gearbox.turn_round(f, tuning)
     f.heading = inputs.heading
-    measure_speed(inputs, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.fastest_engine)
-    sure = inputs.direction != 0  # else slip and twist have no sign either, and only the body's speed is taken
-    for i in range(2):
-        geared = inputs.gear[i] != 0
-        fastest = FASTEST_WHEEL * abs(tuning.ratio[i, inputs.gear[i] + 1]) if geared else math.inf
-        slow = abs(inputs.value[SPEED_1 + i]) < _SLOW * abs(tuning.ratio[i, inputs.gear[i] + 1])
-        if geared and inputs.signs[SPEED_1 + i] != _SIGNED and (slow if sure else stands):
-            measure_magnitude(inputs, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i)
-        elif sure or not geared:
-            measure_speed(inputs, f, tuning, SPEED_1 + i, _SHAFT + i, W_C1 + i, fastest)
-    if not sure:
-        keep_driven_near(inputs, f, (f.t_us - before_us) * 1e-6)
-    rear = inputs.driven_axle == DrivenAxle.REAR
+
+
+@compiled_without_allocation
+def measure_shaft(inputs: Any, f: Any, tuning: Any, i: int, stands: bool, seconds: float) -> None:
+    """Take a new speed of input shaft i (0, 1); of one in gear that is told without sign, what it may mean."""
+    quantity, sensor, state = SPEED_1 + i, _SHAFT + i, W_C1 + i
+    if inputs.gear[i] == 0:
+        measure_speed(inputs, f, tuning, quantity, sensor, state, math.inf)
+        return
+    ratio, sure, z = tuning.ratio[i, inputs.gear[i] + 1], inputs.direction != 0, inputs.value[quantity]
+    slow = abs(z) < _SLOW * abs(ratio) if sure else stands
+    if inputs.signs[quantity] != _SIGNED and slow:
+        measure_magnitude(inputs, f, tuning, quantity, sensor, state)
+    elif sure:
+        measure_speed(inputs, f, tuning, quantity, sensor, state, FASTEST_WHEEL * abs(ratio))
+    elif inputs.fresh[quantity]:
+        _, _, _, body, _ = wheel_speeds(inputs)
+        measure_either_way(f, state, z, ratio, body, seconds)
+
+
+@compiled_without_allocation
+def measure_wheels(inputs: Any, f: Any, tuning: Any, seconds: float) -> None:
+    """Take new wheel speeds; of driven wheels, while nobody knows which way they go, what they may mean."""
+    sure, rear = inputs.direction != 0, inputs.driven_axle == DrivenAxle.REAR
     if sure or rear:
         measure_axle(inputs, f, tuning, WHEEL, not rear, _UNDRIVEN if rear else _DRIVEN)
     if sure or inputs.driven_axle == DrivenAxle.FRONT:
         driven = inputs.driven_axle != DrivenAxle.FRONT
         measure_axle(inputs, f, tuning, _REAR_WHEEL, driven, _DRIVEN if rear else _UNDRIVEN)
     stand_in_for_undriven(inputs, f)
-    take_hints(inputs, f, tuning, phase_1, phase_2)
-    gearbox.decide_directions(f, tuning, phase_1, phase_2)
+    if not sure:
+        known, driven_speed, _, body, _ = wheel_speeds(inputs)
+        if known:
+            measure_either_way(f, W_W, driven_speed, 1.0, body, seconds)
 
 
 @compiled_without_allocation

@@ -36,16 +36,21 @@ def stand_in_for_undriven(inputs: Any, f: Any) -> None:
 
 
 @compiled_without_allocation
-def keep_driven_near(inputs: Any, f: Any, seconds: float) -> None:
-    """Keep the driven wheels as near to the body as magnitudes do, while nobody knows which way the car goes.
+def measure_either_way(f: Any, i: int, z: float, ratio: float, body: float, seconds: float) -> None:
+    """Take a magnitude z while nobody knows which way the car goes: it turns as the body does.
 
-    They may be faster or slower by what the magnitudes differ, either way round, and that lasts.
+    It may be faster or slower by what the magnitudes differ, either way round, and that lasts.
+
+    Args:
+        f: `filter.FILTER`.
+        i: state, of the driven wheels or of a shaft in gear.
+        z: speed, rad/s, with the sign that is taken for granted.
+        ratio: by which it turns faster than the wheels.
+        body: speed of the body at the wheel, rad/s.
+        seconds: since the last frame.
     """
-    known, driven, _, body, _ = wheel_speeds(inputs)
-    if not known or seconds <= 0.0:
-        return
-    apart = 2.0 * (abs(driven) - abs(body))
-    measure(f, W_W, driven, (apart * apart + _APART**2) * max(2.0 * _APART_TIME / seconds, 1.0))
+    apart = 2.0 * (abs(z) - abs(ratio * body))
+    measure(f, i, z, (apart * apart + (_APART * ratio) ** 2) * max(2.0 * _APART_TIME / max(seconds, 1e-3), 1.0))
 
 
 @compiled_without_allocation
