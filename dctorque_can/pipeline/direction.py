@@ -191,7 +191,7 @@ def weigh(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
         d.odds = 0.0
         return
     torque = 0.0
-    for i in range(2):
+    for i in range(2 if answer.running else 0):
         torque += answer.T_c[i] * rules.ratio[inputs.gear[i] + 1] * rules.efficiency
     seconds = (inputs.t_us - d.t_us) * 1e-6 if d.t_us != NEVER else math.inf
     if seconds > _LONGEST_S:

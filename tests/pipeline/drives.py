@@ -10,13 +10,15 @@ from dctorque_can.config.load import load_config
 from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.estimates import ESTIMATE, ONLY_KALMAN, ONLY_OH2014, Status
 from dctorque_can.pipeline.estimator import Estimator
-from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
+from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus, Signs
 from dctorque_can.resources import shipped_config
 
 SHIPPED = load_config(shipped_config("paper_car")).settings
+SIGNED = tuple(replace(item, signs=Signs.SIGNED) for item in SHIPPED.inputs)  # so that no direction is in doubt
 SETTINGS = replace(  # of the 2014 observer, whose torques follow from its poles by hand
     SHIPPED,
     method=Method.OH2014,
+    inputs=SIGNED,
     estimate_period_us=1000,
     observer=replace(  # the slowest is 65 rad/s: settled after 5/65 s
         SHIPPED.observer,

@@ -34,9 +34,12 @@ def driven(truth, noise):
 
 
 def test_three_times_the_noise_is_learned(truth):
-    """Within 16 s; with the configured noise alone NIS is 4.1, 1.7, 2.6, 1.4 and 4.2."""
+    """Within 16 s; with the configured noise alone NIS is 4.1, 1.7, 2.6, 1.4 and 4.2.
+
+    Of shafts and driven wheels it is learned on the way alone: at rest their speeds have no sign.
+    """
     estimator, rows = driven(truth, NOISY)
-    most = {"engine": 1.5, "shaft1": 1.3, "shaft2": 1.5, "driven_wheels": 1.3, "undriven_wheels": 2.5}
+    most = {"engine": 1.5, "shaft1": 1.3, "shaft2": 2.0, "driven_wheels": 1.4, "undriven_wheels": 2.5}
     for sensor, innovations in nis(estimator.health).items():
         assert 0.5 < innovations.mean < most[sensor]
     for torque in judge([(rows, truth)], lag=False).everything.torques.values():

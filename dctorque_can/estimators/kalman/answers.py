@@ -31,8 +31,9 @@ def conclude(k: Kalman, inputs: Any, answer: Any, row: Any) -> int:
         gearbox.work_out_deviations(f, k.tables, k.tuning[0])
         if inputs.direction == 0:
             gearbox.admit_either_direction(f, k.tuning[0], inputs.doubt)
-        gearbox.admit_motion(f, k.tuning[0])
-        gearbox.admit_synchronisers(f, k.tuning[0], phase_of(inputs, 0), phase_of(inputs, 1))
+        phase_1, phase_2 = phase_of(inputs, 0), phase_of(inputs, 1)
+        gearbox.admit_motion(f, k.tuning[0], phase_1, phase_2)
+        gearbox.admit_synchronisers(f, k.tuning[0], phase_1, phase_2)
     tape.published(f, k.tables, k.tuning[0])
     row.clutch1_torque_nm, row.clutch2_torque_nm, row.output_torque_nm = f.T_c1, f.T_c2, f.T_o
     row.clutch1_sigma_nm, row.clutch2_sigma_nm, row.output_sigma_nm = f.sigma_1, f.sigma_2, f.sigma_o

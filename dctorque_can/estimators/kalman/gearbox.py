@@ -213,7 +213,7 @@ def admit_either_direction(f: Any, tuning: Any, doubt: float) -> None:
 
 
 @compiled_without_allocation
-def admit_motion(f: Any, tuning: Any) -> None:
+def admit_motion(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
     """Let the torques be as uncertain as speeds make them that are not believed, should they be true.
 
     A first speed beyond its gate is taken for a spike; a clutch that gives way looks the same until the next ones
@@ -224,7 +224,10 @@ def admit_motion(f: Any, tuning: Any) -> None:
             continue
         seconds = max((f.t_us - f.accepted_us[sensor]) * 1e-6, _SOONEST)
         torque = tuning.J_e * f.last_e[sensor, 0] / seconds
-        f.sigma_1, f.sigma_2 = math.hypot(f.sigma_1, torque), math.hypot(f.sigma_2, torque)
+        if phase_1 != _OPEN:
+            f.sigma_1 = math.hypot(f.sigma_1, torque)
+        if phase_2 != _OPEN:
+            f.sigma_2 = math.hypot(f.sigma_2, torque)
         f.sigma_o = math.hypot(f.sigma_o, torque * tuning.ratio[sensor - 1, f.gear[sensor - 1] + 1])
 
 

@@ -59,6 +59,7 @@ def model(k, step, phases=(SLIPPING, LOCKED)):
     f, t, tuning = k.state.copy()[0], k.tables, k.tuning[0]
     row = t.row[f["gear"][0] + 1, f["gear"][1] + 1] + 2 * int(f["drives"][0]) + int(f["drives"][1])
     kalman_noise.decide_rates(f, tuning, *phases, STEPS_US[step] * 1e-6)
+    kalman_noise.decide_spin_rate(f, tuning, STEPS_US[step] * 1e-6)
     of_step = t.steps[row, step]
     Q = process_covariance(of_step, kalman_noise.process_noise(f, tuning, *phases))
     F, b = of_step["phi"].copy(), of_step["input"]
