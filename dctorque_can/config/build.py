@@ -35,7 +35,7 @@ from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear,
 from dctorque_can.driveline.parameters import DrivenAxle, Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
 from dctorque_can.estimators.methods import Method
-from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
+from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity, Signs
 from dctorque_can.pipeline.settings import GearInference, Settings
 
 MOST_TAKEN_AGAIN_PER_S = 20_000  # frames; at 5 µs each (docs/kalman_accuracy.md) a tenth of a processor
@@ -71,6 +71,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     estimator = validate(document, ("estimator",), EstimatorSection)
     protections = _protections(document, builder)
     _note_missing_axle(document, builder, vehicle)
+    _note_untold_signs(document, builder)
     if estimator is not None:
         _check_missing_shafts(document, estimator, inference is not None)
         _note_costly_delays(document, builder, estimator)
@@ -281,6 +282,17 @@ def _note_costly_delays(document: Document, builder: InputBuilder, estimator: Es
             f"{math.ceil(1000 * again / MOST_TAKEN_AGAIN_PER_S)} or more"
         )
         document.problems.append(document.problem(("estimator", "period_ms"), reason, warning=True))
+
+
+def _note_untold_signs(document: Document, builder: InputBuilder) -> None:
+    """Warn of speeds of which neither the file nor the DBC says whether they have a sign."""
+    untold = [entry.key.removeprefix("inputs.") for entry in builder.entries if entry.input.signs is Signs.UNTOLD]
+    if untold:
+        reason = (
+            f"give signed: true or false to {', '.join(untold)}: the DBC allows negative values, but does a car that "
+            "rolls backwards send them? Until one comes, they count as without sign"
+        )
+        document.problems.append(document.problem(("inputs",), reason, warning=True))
 
 
 def _note_missing_axle(document: Document, builder: InputBuilder, vehicle: VehicleSection | None) -> None:

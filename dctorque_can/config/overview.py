@@ -9,7 +9,7 @@ from dctorque_can.config.inputs import InputEntry
 from dctorque_can.config.load import Config
 from dctorque_can.config.problems import Problem
 from dctorque_can.estimators.methods import Method
-from dctorque_can.pipeline.samples import Quantity
+from dctorque_can.pipeline.samples import SPEEDS, Quantity, Signs
 
 NO_ESTIMATE = "no valid estimate"
 BRIDGED = "no valid estimate after half a second"
@@ -105,9 +105,22 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "period_ms": max(periods) if periods else None,
         "timeout_ms": entry.input.timeout_us / 1000,
         "delay_ms": entry.input.delay_us / 1000,
+        "sign": _sign(entry),
         "protection": kinds,
         "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else _lost(name, config),
     }
+
+
+def _sign(entry: InputEntry) -> str:
+    """Return whether a speed of wheels or shafts has a sign, in words; "" for any other input."""
+    quantity = entry.input.quantity
+    if quantity not in SPEEDS or quantity is Quantity.ENGINE_SPEED:
+        return ""
+    return {
+        Signs.SIGNED: "signed",
+        Signs.UNSIGNED: "no sign",
+        Signs.UNTOLD: "sign not told: none until a negative value comes",
+    }[entry.input.signs]
 
 
 def _missing_row(name: str, config: Config) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
         "quantity": row["quantity"],
         "signal": "\n".join(row["signals"]),
         "to SI": "\n".join(map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])),
-        "range (SI)": _range(row["minimum"], row["maximum"]),
+        "range (SI)": "\n".join(filter(None, (_range(row["minimum"], row["maximum"]), row["sign"]))),
         "period": f"{row['period_ms']:g} ms" if row["period_ms"] else "?",
         "timeout": f"{row['timeout_ms']:g} ms" + (f"\nlate {row['delay_ms']:g} ms" if row["delay_ms"] else ""),
         "protection": "\n".join(row["protection"]),
