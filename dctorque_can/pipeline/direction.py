@@ -73,7 +73,7 @@ _RELEASED_LOAD = 300.0  # N·m/√s, by which the load may change as a hill hold
 _BRAKED_LOAD = 3000.0  # … and brakes
 _BRAKED_US = 200_000  # for which it may after that
 _TORQUE_SHARE = 0.25  # by which a torque at the wheel may be another, losses included
-_TORQUE_NOISE = 0.03  # √s, noise of the torque by its size: a tenth for a tenth of a second
+_TORQUE_NOISE, _TORQUE_NOISE_SHARE = 40.0, 0.03  # N·m·√s at the wheel, and √s: a tenth for a tenth of a second
 _FIRST_VARIANCE = 0.1**2
 _LEAST_VARIANCE = 0.03**2
 _FORGETTING = 0.1  # of the variance, by each sample
@@ -262,7 +262,7 @@ def judge(d: Any, inputs: Any, rules: Any, speed: float, torque: float, seconds:
     change = _TORQUE_SHARE * (torque - d.torque)
     noise = load_variance(d, rules, inputs.t_us, speed) * seconds + change * change
     gain, keep = seconds / rules.inertia, math.exp(-seconds * speed / _GRADE_ANGLE)
-    unsteady = (_TORQUE_NOISE * turned / rules.inertia) ** 2 * seconds
+    unsteady = (_TORQUE_NOISE**2 + (_TORQUE_NOISE_SHARE * turned) ** 2) / rules.inertia**2 * seconds
     least, step = math.inf, 0.0
     for h in range(2):
         d.speed[h] += gain * (turned - d.load[h])
