@@ -25,6 +25,9 @@ from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.manoeuvres import MANOEUVRES
 
 PAPER = shipped_config("paper_car")
+SPEEDS = ("shaft1_speed", "shaft2_speed", *(f"wheel_speeds.{wheel}" for wheel in ("fl", "fr", "rl", "rr")))
+SIGNED = [part for speed in SPEEDS for part in ("--set", f"inputs.{speed}.signed=true")]
+"""So that the direction of a short launch is never in doubt."""
 HANG_S = 900  # so late that no load of the machine explains it
 COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover")
 
@@ -109,7 +112,7 @@ def test_replay_smooths(dctorque, tmp_path: Path) -> None:
     """File in, file out, a clutch less wrong than online; a method that cannot be smoothed: one line, no file."""
     observer = ("--set", "estimator.method=oh2014")
     assert dctorque("simulate", "-o", "drive.blf", "--duration", 3).code == 0
-    run = ("replay", "drive.blf", "-c", PAPER, "--truth", "--json")
+    run = ("replay", "drive.blf", "-c", PAPER, *SIGNED, "--truth", "--json")
     online = json.loads(dctorque(*run, "-o", "online.mcap").out)
     outcome = dctorque(*run, "--smooth", "-o", "smoothed.mcap")
     assert outcome.code == 0, outcome.err

@@ -142,11 +142,13 @@ def test_more_variants_and_seeds(dctorque) -> None:
 
 
 EXACT = ("--set", "estimator.kalman.parameter_error_share=0")  # the simulated car is that of the file
+SPEEDS = ("shaft1_speed", "shaft2_speed", *(f"wheel_speeds.{wheel}" for wheel in ("fl", "fr", "rl", "rr")))
+SIGNED = [part for speed in SPEEDS for part in ("--set", f"inputs.{speed}.signed=true")]
 
 
 def test_the_smoother_as_third(dctorque) -> None:
     same = "same=estimator.method=kalman"
-    outcome = dctorque("compare", *SHORT, *EXACT, "--smooth", "--json", "--variant", same, "-o", "compare.png")
+    outcome = dctorque("compare", *SHORT, *EXACT, *SIGNED, "--smooth", "--json", "--variant", same, "-o", "compare.png")
     assert outcome.code == 0, outcome.err
     variants = json.loads(outcome.out)["variants"]
     assert list(variants) == ["oh2014", "kalman", "kalman smoothed", "same"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dctorque_can.config.load import Config, load_documents
+from dctorque_can.config.load import Config, load_config, load_documents
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap.reader import read_table
@@ -15,6 +15,7 @@ from dctorque_can.logs.output_file import refuse_existing
 from dctorque_can.logs.reader import open_log
 from dctorque_can.offline.replay import ReplayContent, ReplayResult, ReplayTargets, config_of, replay_logs
 from dctorque_can.offline.simulated_car import SimulatedDrive, write_log
+from dctorque_can.resources import shipped_config
 
 
 def run(paths: list[Path], config: Config, output: Path, content: ReplayContent | None = None) -> ReplayResult:
@@ -80,6 +81,9 @@ def test_a_cut_off_log_is_used_as_far_as_it_goes(log: Path, config: Config, tmp_
 def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, config: Config, tmp_path: Path) -> None:
     """Rows at the times of the online ones, less wrong and surer; the same frames, signals and health."""
     content = ReplayContent(frames=True, signals=True, truth=True)
+    speeds = ("shaft1_speed", "shaft2_speed", *(f"wheel_speeds.{wheel}" for wheel in ("fl", "fr", "rl", "rr")))
+    signed = {f"inputs.{speed}.signed": "true" for speed in speeds}  # the direction of a short launch is not in doubt
+    config = load_config(shipped_config("paper_car"), signed)
     online = run([log], config, tmp_path / "online.mcap", content)
     result = run([log], config, tmp_path / "smoothed.mcap", replace(content, smooth=True))
     assert (online.smoothed, result.smoothed) == (False, True)
