@@ -54,6 +54,13 @@ class DriveName(StrEnum):
     SAILING = "sailing"
     STOP_START = "stop_start"
     WHEEL_SPIN = "wheel_spin"
+    SPLIT_MU = "split_mu"
+    ABORTED_SHIFT = "aborted_shift"
+    TIE_UP = "tie_up"
+    HARD_SYNCHRONISER = "hard_synchroniser"
+    JUDDER = "judder"
+    FRICTION_FADING = "friction_fading"
+    TOUCH_POINT_DRIFT = "touch_point_drift"
 
 
 class ProfileName(StrEnum):
