@@ -110,6 +110,12 @@ def mixed_drive(vehicle: Vehicle, seed: int, duration_s: float = 360.0) -> Drive
     return Drive(f"mixed{seed}", duration_s, grade_rad=tuple(grade), speed_m_s=tuple(knots))
 
 
+def missing_gears(vehicle: Vehicle, drive: Drive) -> set[int]:
+    """Return the gears that a drive asks for and the vehicle does not have; -1 is reverse."""
+    asked = {round(position) for _, position in drive.lever}
+    return asked - {AUTOMATIC, NEUTRAL} - {gear.number for gear in vehicle.gears}
+
+
 def simulate(
     vehicle: Vehicle,
     drive: Drive,
@@ -140,8 +146,7 @@ def simulate(
     n = round(drive.duration_s * 1000) + 1
     t = np.arange(n) / 1000.0
     lever = np.rint(sampled(drive.lever, t)).astype(np.int64)
-    missing = set(np.unique(lever).tolist()) - {AUTOMATIC, NEUTRAL} - {gear.number for gear in vehicle.gears}
-    if missing:
+    if missing := missing_gears(vehicle, drive):
         names = ", ".join("reverse" if number == REVERSE else str(number) for number in sorted(missing))
         raise DctorqueError(f"drive {drive.name} needs gears that the vehicle does not have: {names}")
     p = parameters(vehicle, drive.faults.of(powertrain), drive.payload_kg)
