@@ -25,14 +25,14 @@ def catalogue_tables(summary: CatalogueSummary) -> Group:
     for vehicle in plan.vehicles:
         title = (
             f"{vehicle}: clutch 1 / clutch 2 / output shaft over {plan.runs} draws, {plan.profile} signals;\n"
-            "confidently wrong: in the worst draw; RMS error and 95 % band: of the estimates that are valid"
+            "confidently wrong and 95 % band: in the worst draw; RMS error and band: of the estimates that are valid"
         )
         parts += [Text(title, style="italic"), _vehicle(summary, vehicle)]
     pooled = _three((100 * held if held is not None else None for held in summary.pooled.values()), ".1f")
     parts.append(Text(f"Within the 95 % band, of all valid estimates: {pooled} %"))
     for row, name in summary.beyond():
         figures = row.torques[name]
-        held = "–" if figures.held is None else f"{100 * figures.held:.1f} %"
+        held = "–" if figures.held_least is None else f"{100 * figures.held_least:.1f} %"
         where = f"{row.vehicle}, {row.drive}, {row.signals}, {TORQUE_NAMES[name]}"
         line = f"{where}: {figures.wrong_ms:.0f} ms, band {held}"
         if figures.episode is not None:
@@ -58,7 +58,7 @@ def _vehicle(summary: CatalogueSummary, vehicle: str) -> Table:
             row.signals,
             _three((t.wrong_ms for t in torques), ".0f"),
             _three((t.rms_nm for t in torques), ".1f"),
-            _three((None if t.held is None else 100 * t.held for t in torques), ".1f"),
+            _three((None if t.held_least is None else 100 * t.held_least for t in torques), ".1f"),
             _three((100 * t.valid for t in torques), ".1f"),
         )
         before = row.drive

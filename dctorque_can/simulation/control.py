@@ -106,7 +106,7 @@ def _creep(p: Parameters, c: Any, brake: float, w_c: float, engaged: Any) -> flo
 
 
 @compiled
-def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: float) -> None:
+def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: float, engaged: Any) -> None:
     for i in range(2):  # gently at the end: the driveline is wound up
         fast = c.capacity[i] > 40.0 or brake > 0.0
         aim = creep if i == p.gear_shaft[c.gear] else 0.0
@@ -120,7 +120,7 @@ def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: fl
     c.gear_command[shaft] = c.gear
     c.ready[shaft] = pedal > 0.0 or creep > 0.0
     c.ready[1 - shaft] = False
-    if pedal > 0.0 and brake == 0.0 and c.lever != NEUTRAL:
+    if pedal > 0.0 and brake == 0.0 and c.lever != NEUTRAL and engaged[shaft] == c.gear:
         c.w_ref = c.last_w_e
         _enter(c, LAUNCH)
 
@@ -336,7 +336,7 @@ def decide(
         creep = _creep(p, c, brake, w_c, engaged)
         if creep > 0.0:
             wish = max(wish, c.capacity[shaft])
-        _open(p, c, pedal, brake, v, creep)
+        _open(p, c, pedal, brake, v, creep, engaged)
     elif c.state == LAUNCH:
         _launch(p, c, pedal, T_e, w_c, slips[shaft], stuck)
     elif c.state == DRIVE:

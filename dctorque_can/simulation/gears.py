@@ -14,6 +14,7 @@ from dctorque_can.simulation.layout import BODY, CLUTCH1, CONE1, OUTPUT, PERIOD,
 from dctorque_can.simulation.mechanism import FREE, STUCK, Mechanism, Motion, spring_torque
 from dctorque_can.simulation.powertrain import Parameters
 
+_PATIENCE = 2.0  # times of a synchroniser after which it is pressed with its greatest force
 _BACKWARDS = 0.01  # m/s
 _LOSSES_TURN = 0.1  # rad/s of the output shaft, on either side of zero: within, the losses fade and turn round
 
@@ -65,6 +66,8 @@ def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, co
             distance = abs(motion.speed[SHAFT1 + shaft] - total * motion.speed[OUTPUT])
             wish = mechanism.mass[SHAFT1 + shaft] * distance / p.cone_time
             a.cone[shaft] = min(p.cone_max, max(1.0, wish))
+        elif a.sleeve[shaft] > p.sleeve_time + _PATIENCE * p.cone_time and motion.mode[cone] != STUCK:
+            a.cone[shaft] = p.cone_max  # the drag of the open clutch holds it off: with all it has
         elif motion.mode[cone] == STUCK:
             engage(p, mechanism, motion, a, shaft, gear)
             a.cone[shaft] = 0.0

@@ -17,7 +17,7 @@ from dctorque_can.study.run import Record
 MOST_WRONG_MS = 50.0
 """For so long at most may a torque be confidently wrong on a drive."""
 LEAST_HELD = 0.90
-"""So many at least of the valid estimates of a drive the 95 % band is to hold."""
+"""So many at least of the valid estimates of each draw the 95 % band is to hold."""
 LEAST_HELD_POOLED = 0.97
 """… and of those of all drives."""
 
@@ -45,7 +45,7 @@ class TorqueFigures:
     @property
     def asks_too_much(self) -> bool:
         """Whether more trust is asked for than is due."""
-        return self.wrong_ms > MOST_WRONG_MS or (self.held is not None and self.held < LEAST_HELD)
+        return self.wrong_ms > MOST_WRONG_MS or (self.held_least is not None and self.held_least < LEAST_HELD)
 
 
 @dataclass(frozen=True, slots=True)

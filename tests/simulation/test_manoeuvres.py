@@ -396,3 +396,14 @@ def test_touch_point_drift(avante_vehicle: Vehicle) -> None:
     touching = last[(last["clutch1_position_mm"] < 2.8) & (last["clutch1_capacity_nm"] > 1.0)]
     assert len(touching) > 500
     assert np.abs(touching["clutch1_torque_nm"]).max() > 1.0
+
+
+def test_a_synchroniser_overcomes_the_drag_of_its_clutch(paper_vehicle: Vehicle) -> None:
+    """A drag of 0.03 N·m·s/rad, as cold oil has it, makes it slower; no clutch is closed on a shaft in neutral."""
+    clutches = tuple(replace(clutch, drag_nms_per_rad=0.03) for clutch in paper_vehicle.clutches)
+    car = replace(paper_vehicle, clutches=(clutches[0], clutches[1]))
+    truth = simulate(car, MANOEUVRES["sailing"](car))
+    for i in (1, 2):
+        changing = np.flatnonzero(np.diff(np.concatenate([[0], truth[f"changing{i}"].astype(int), [0]])))
+        assert np.ptp(changing.reshape(-1, 2), axis=1).max() < 700  # ms
+        assert not np.any((truth[f"gear{i}"] == 0) & (truth[f"phase{i}"] == LOCKED))

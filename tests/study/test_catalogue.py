@@ -179,7 +179,7 @@ def test_what_all_runs_say(write_catalogue) -> None:
         console.print(catalogue_tables(summary))
     assert "0 / 60 / 0" in shown.get()
     assert (
-        "paper_car, creep, signed, clutch 2: 60 ms, band 70.0 %; draw 1 at 3.00 s: -40 N·m, σ 2.0" in shown.get()
+        "paper_car, creep, signed, clutch 2: 60 ms, band 40.0 %; draw 1 at 3.00 s: -40 N·m, σ 2.0" in shown.get()
     )
     assert summary.as_json()["beyond"] == [
         {"vehicle": "paper_car", "drive": "creep", "signals": "signed", "torque": "clutch2_nm"}
