@@ -25,7 +25,7 @@ def catalogue_tables(summary: CatalogueSummary) -> Group:
     for vehicle in plan.vehicles:
         title = (
             f"{vehicle}: clutch 1 / clutch 2 / output shaft over {plan.runs} draws, {plan.profile} signals;\n"
-            "confidently wrong and 95 % band: in the worst draw; RMS error and band: of the estimates that are valid"
+            "confidently wrong and 95 % band: the worst draw; RMS error and band: of valid estimates"
         )
         parts += [Text(title, style="italic"), _vehicle(summary, vehicle)]
     pooled = _three((100 * held if held is not None else None for held in summary.pooled.values()), ".1f")
