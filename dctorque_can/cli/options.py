@@ -48,6 +48,13 @@ DriveChoice = Annotated[
         "sailing",
         "stop_start",
         "wheel_spin",
+        "split_mu",
+        "aborted_shift",
+        "tie_up",
+        "hard_synchroniser",
+        "judder",
+        "friction_fading",
+        "touch_point_drift",
     ],
     typer.Option(
         "--drive",

@@ -13,6 +13,8 @@ from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.options import JsonOption, SetOption
 
 if TYPE_CHECKING:
+    from dctorque_can.study.catalogue import Catalogue
+    from dctorque_can.study.catalogue_summary import CatalogueSummary
     from dctorque_can.study.plan import Study
     from dctorque_can.study.results import Results
     from dctorque_can.study.summary import StudySummary
@@ -76,10 +78,13 @@ def study(
 ) -> None:
     """Simulate many cars, each a little different from what the estimator believes, and rank what hurts it.
 
+    A study with several vehicles is a catalogue: it says of every drive how far the estimates can be trusted.
+
     Ctrl-C keeps every finished run, and the same command goes on from there. Exit code 3: a run failed.
     """
     with activity("loading", show=STDERR.is_terminal):
         from dctorque_can.resources import find_study
+        from dctorque_can.study.catalogue import is_catalogue, load_catalogue
         from dctorque_can.study.plan import load_study
         from dctorque_can.study.results import Results
         from dctorque_can.study.summary import summarise
@@ -87,7 +92,18 @@ def study(
         changes = _changes(
             vehicle=vehicle, drive=drive, profile=profile, duration_s=duration, seed=seed, runs=runs
         )
-        loaded = load_study(find_study(file), configuration.overrides(settings), changes)
+        path = find_study(file)
+        if is_catalogue(path):
+            if "vehicle" in changes:
+                changes["vehicles"] = [changes.pop("vehicle")]
+            catalogue = load_catalogue(path, configuration.overrides(settings), changes)
+        else:
+            catalogue = None
+            loaded = load_study(path, configuration.overrides(settings), changes)
+    if catalogue is not None:
+        named = "_".join(["study", path.stem, *_named(changes)])
+        _catalogue(catalogue, folder or Path("out") / named, jobs, drives, force, as_json)
+        return
     for warning in loaded.config.warnings:
         warn(str(warning).replace("warning: ", "", 1))
     folder = folder or Path("out") / "_".join(["study", loaded.path.stem, *_named(changes)])
@@ -102,6 +118,43 @@ def study(
             summary = summarise(loaded, results.records)
             files = _write(summary, folder)
     _show(summary, files, as_json)
+    if summary.failed:
+        raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _catalogue(
+    catalogue: Catalogue, folder: Path, jobs: int | None, drives: Path | None, force: bool, as_json: bool
+) -> None:
+    """Make the runs of a catalogue that are not there yet, and show all of them."""
+    from dctorque_can.report.catalogue_table import CATALOGUE_WIDTH, catalogue_tables
+    from dctorque_can.study.catalogue_run import CatalogueSetup
+    from dctorque_can.study.catalogue_summary import summarise_catalogue
+    from dctorque_can.study.pool import keep_runs
+    from dctorque_can.study.results import Results
+
+    values = catalogue.values()
+    with Results(folder / "results.jsonl", catalogue.identity(), force, warn) as results:
+        missing = {number: v for number, v in values.items() if number not in results.records}
+        say(f"{len(missing)} of {len(values)} drives are missing" if missing else "all drives are there already")
+        try:
+            if missing:
+                with progress_bar(f"{len(missing)} drives") as progress:
+                    setup = CatalogueSetup.of(catalogue, drives)
+                    keep_runs(setup, results, missing, len(values), jobs, progress)
+        except KeyboardInterrupt as interrupt:
+            done = len(results.records)
+            say(f"interrupted: {done} of {len(values)} runs are kept; the same command goes on from there")
+            raise typer.Exit(ExitCode.INTERRUPTED) from interrupt
+        summary = summarise_catalogue(catalogue, results.records)
+    files = {"results": str(folder / "results.jsonl"), "summary": str(folder / "summary.json")}
+    summary.write(folder / "summary.json")
+    _tell_failed(summary, files)
+    if as_json:
+        print_json(summary.as_json() | {"files": files})
+    else:
+        print_page(catalogue_tables(summary), CATALOGUE_WIDTH)
+        for name, path in files.items():
+            STDOUT.print(f"{name:8}{path}", soft_wrap=True)
     if summary.failed:
         raise typer.Exit(ExitCode.INCOMPLETE)
 
@@ -155,11 +208,15 @@ def _write(summary: StudySummary, folder: Path) -> dict[str, str]:
     return {name: str(path) for name, path in files.items()}
 
 
-def _show(summary: StudySummary, files: dict[str, str], as_json: bool) -> None:
+def _tell_failed(summary: StudySummary | CatalogueSummary, files: dict[str, str]) -> None:
     for run, reason in list(summary.failed.items())[:_MOST_REASONS]:
         warn(f"run {run} failed: {reason}")
     if len(summary.failed) > _MOST_REASONS:
         warn(f"{len(summary.failed) - _MOST_REASONS} more runs failed; {files['summary']} names them")
+
+
+def _show(summary: StudySummary, files: dict[str, str], as_json: bool) -> None:
+    _tell_failed(summary, files)
     if not summary.sensitivities:
         say(f"no ranking: {summary.runs_for_ranking} good runs would be needed, there are {summary.used}")
     if as_json:

@@ -54,6 +54,13 @@ class DriveName(StrEnum):
     SAILING = "sailing"
     STOP_START = "stop_start"
     WHEEL_SPIN = "wheel_spin"
+    SPLIT_MU = "split_mu"
+    ABORTED_SHIFT = "aborted_shift"
+    TIE_UP = "tie_up"
+    HARD_SYNCHRONISER = "hard_synchroniser"
+    JUDDER = "judder"
+    FRICTION_FADING = "friction_fading"
+    TOUCH_POINT_DRIFT = "touch_point_drift"
 
 
 class ProfileName(StrEnum):
@@ -73,12 +80,13 @@ class Unsigned(StrEnum):
     ALL = "all"
 
 
-_UNSIGNED: dict[Unsigned, frozenset[Speeds]] = {
+UNSIGNED: dict[Unsigned, frozenset[Speeds]] = {
     Unsigned.NONE: frozenset(),
     Unsigned.WHEELS: frozenset({"wheels"}),
     Unsigned.SHAFTS: frozenset({"shafts"}),
     Unsigned.ALL: frozenset({"wheels", "shafts"}),
 }
+"""What is sent without its sign, as `SensorProfile.unsigned`."""
 _PROFILES = {
     ProfileName.LABORATORY: LABORATORY,
     ProfileName.PRODUCTION: PRODUCTION,
@@ -124,7 +132,7 @@ def simulate_car(
     """
     vehicle = config.settings.vehicle
     truth = simulate(vehicle, drive_of(config, drive, seed, duration_s), progress=progress)
-    sensors = replace(sensors_of(config, profile, seed), unsigned=_UNSIGNED[unsigned])
+    sensors = replace(sensors_of(config, profile, seed), unsigned=UNSIGNED[unsigned])
     frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
     name = f"{drive} drive, {profile} signals, seed {seed}"
     if unsigned is not Unsigned.NONE:

@@ -33,9 +33,15 @@ def write_truth(log: McapLog, truth: NDArray[np.void]) -> None:
 
 
 def read_truth(path: Path) -> NDArray[np.void]:
-    """Return the truth in a log.
+    """Return the truth in a log; what an older version did not write is 0.
 
     Raises:
         DctorqueError: there is none.
     """
-    return read_table(path, TRUTHS)
+    stored = read_table(path, TRUTHS.topic)
+    if not set(stored.dtype.names or ()) < set(TRUTH.names or ()):
+        return read_table(path, TRUTHS)
+    rows = np.zeros(len(stored), TRUTH)
+    for name in stored.dtype.names or ():
+        rows[name] = stored[name]
+    return rows

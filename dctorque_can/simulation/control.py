@@ -16,6 +16,7 @@ import numpy as np
 
 from dctorque_can.compiled import compiled
 from dctorque_can.simulation.engine import CRANKED, closed, driver_demand, full_load, starter, with_idle_control
+from dctorque_can.simulation.gear_choice import up_shift_speed, wanted_gear
 from dctorque_can.simulation.mechanism import STUCK
 from dctorque_can.simulation.powertrain import Parameters
 
@@ -90,34 +91,6 @@ def _enter(c: Any, state: int) -> None:
 
 
 @compiled
-def _up_shift_speed(p: Parameters, gear: int, pedal: float) -> float:
-    row = p.up_shift[min(gear, p.up_shift.shape[0]) - 1]
-    last = p.shift_pedal.size - 1
-    if pedal <= p.shift_pedal[0]:
-        return float(row[0])
-    for i in range(last):
-        if pedal <= p.shift_pedal[i + 1]:
-            part = (pedal - p.shift_pedal[i]) / (p.shift_pedal[i + 1] - p.shift_pedal[i])
-            return float(row[i] + part * (row[i + 1] - row[i]))
-    return float(row[last])
-
-
-@compiled
-def _wanted_gear(p: Parameters, lever: int, gear: int, pedal: float, v: float) -> int:
-    if gear < 0:
-        return gear
-    if lever > 0:  # a gear on the same shaft is reached over the one between
-        if lever == gear or p.gear_shaft[lever] != p.gear_shaft[gear]:
-            return lever
-        return gear + 1 if lever > gear else gear - 1
-    if gear < p.n_gears and v > _up_shift_speed(p, gear, pedal):
-        return gear + 1
-    if gear > 1 and v < _up_shift_speed(p, gear - 1, pedal) - p.shift_hysteresis:
-        return gear - 1
-    return gear
-
-
-@compiled
 def _approach(value: float, target: float, step: float) -> float:
     return min(value + step, max(value - step, target))
 
@@ -133,7 +106,7 @@ def _creep(p: Parameters, c: Any, brake: float, w_c: float, engaged: Any) -> flo
 
 
 @compiled
-def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: float) -> None:
+def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: float, engaged: Any) -> None:
     for i in range(2):  # gently at the end: the driveline is wound up
         fast = c.capacity[i] > 40.0 or brake > 0.0
         aim = creep if i == p.gear_shaft[c.gear] else 0.0
@@ -141,13 +114,13 @@ def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: fl
     if abs(v) < _HOLD_SPEED and (c.lever == REVERSE) != (c.gear < 0):
         c.gear = -1 if c.lever == REVERSE else 1
         c.gear_command[1 - p.gear_shaft[c.gear]] = 0
-    while c.gear > 1 and v < _up_shift_speed(p, c.gear - 1, 0.0) - p.shift_hysteresis:
+    while c.gear > 1 and v < up_shift_speed(p, c.gear - 1, 0.0) - p.shift_hysteresis:
         c.gear -= 1
     shaft = p.gear_shaft[c.gear]
     c.gear_command[shaft] = c.gear
     c.ready[shaft] = pedal > 0.0 or creep > 0.0
     c.ready[1 - shaft] = False
-    if pedal > 0.0 and brake == 0.0 and c.lever != NEUTRAL:
+    if pedal > 0.0 and brake == 0.0 and c.lever != NEUTRAL and engaged[shaft] == c.gear:
         c.w_ref = c.last_w_e
         _enter(c, LAUNCH)
 
@@ -188,7 +161,7 @@ def _drive(
     if w_c < _OPEN_SPEED and (pedal == 0.0 or w_c < p.idle) and (abs(c.gear) == 1 or w_c < 0.95 * p.idle):
         _enter(c, OPEN)
         return
-    wanted = _wanted_gear(p, c.lever, c.gear, pedal, v)
+    wanted = wanted_gear(p, c.lever, c.gear, pedal, v)
     if wanted != c.gear and c.shifted > _SHIFT_PAUSE and stuck:
         c.target = wanted
         _enter(c, FILL)
@@ -270,6 +243,36 @@ def _synchronise(
 
 
 @compiled
+def _take_back(p: Parameters, c: Any, T_e: float, w_old: float, w_new: float) -> None:
+    """Go back to the gear of the lever from a shift that the on-coming clutch has begun, from where it is."""
+    old, new = c.gear, c.target
+    if c.state == FILL:
+        c.ready[p.gear_shaft[new]] = False
+        c.target = old
+        _enter(c, DRIVE)
+        return
+    if not c.torque_first:  # the engine has gone: the shift is ended, and another one leads back
+        return
+    c.gear, c.target = new, old
+    c.torque_first = False
+    if c.state == TORQUE:
+        c.since = _OVERLAP_TIME - min(c.since, _OVERLAP_TIME)
+        return
+    c.handed_over = False
+    distance = w_old + 2.0 * c.sign - w_new
+    c.duration = min(0.6, max(0.3, 16 / 9 * (p.J_e + p.J_d) * abs(distance) / (0.6 * abs(T_e) + 20.0)))
+    done = (c.last_w_e - w_new) / distance if distance != 0.0 else 1.0
+    low, high = 0.0, 1.0
+    for _ in range(20):  # where the planned speed has the engine's
+        x = 0.5 * (low + high)
+        if x * x * (6.0 - 8.0 * x + 3.0 * x * x) < done:
+            low = x
+        else:
+            high = x
+    c.since = low * c.duration
+
+
+@compiled
 def _preselect(p: Parameters, c: Any, pedal: float) -> None:
     """Choose the gear of the idle shaft: the next one up under power, the next one down while coasting."""
     if c.gear < 0:
@@ -321,13 +324,19 @@ def decide(
     carried = T_e - J * p.ratio[c.gear] * p.final_drive[c.gear] * c.dw_w
     shifting = False
     creep = 0.0
+    if c.state >= FILL and c.lever > 0 and c.lever == c.gear and c.target != c.gear:
+        _take_back(p, c, T_e, w_c, speed[2 + p.gear_shaft[c.target]])
+        shaft = p.gear_shaft[c.gear]
+        w_c = speed[2 + shaft]
+        stuck = mode[shaft] == STUCK
+        carried = T_e - J * p.ratio[c.gear] * p.final_drive[c.gear] * c.dw_w
     if c.lever == NEUTRAL and (c.state == DRIVE or c.state == LAUNCH):
         _enter(c, OPEN)
     if c.state == OPEN:
         creep = _creep(p, c, brake, w_c, engaged)
         if creep > 0.0:
             wish = max(wish, c.capacity[shaft])
-        _open(p, c, pedal, brake, v, creep)
+        _open(p, c, pedal, brake, v, creep, engaged)
     elif c.state == LAUNCH:
         _launch(p, c, pedal, T_e, w_c, slips[shaft], stuck)
     elif c.state == DRIVE:

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.simulation.control import AUTOMATIC, NEUTRAL, REVERSE
+from dctorque_can.simulation.faults import NO_FAULTS, Faults
+from dctorque_can.simulation.knots import Knots, sampled
 from dctorque_can.simulation.plant import new_state, run
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, Powertrain, parameters
 from dctorque_can.simulation.truth import TRUTH
 
 PIECE = 2000
 """Milliseconds of driving at once: Python sees signals, and a progress bar moves, only between pieces."""
-
-Knots = tuple[tuple[float, float], ...]
-"""``(time in s, value)`` in ascending order; linear between, constant outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +39,9 @@ class Drive:
         friction: of the driven tyres on the road, greatest force over load; infinite: they never spin.
         creeps: whether the clutch pulls when neither pedal is pressed.
         hill_holder: whether the gearbox control keeps the brake on until the clutch can carry the car.
+        friction_right: if not empty, that of the right driven tyre, and `friction` that of the left one: they then
+            turn each with its own speed, behind an open differential.
+        faults: of clutches and gears.
     """
 
     name: str
@@ -54,6 +56,8 @@ class Drive:
     friction: Knots = ((0.0, np.inf),)
     creeps: bool = False
     hill_holder: bool = True
+    friction_right: Knots = ()
+    faults: Faults = NO_FAULTS
 
 
 PAPER = Drive(
@@ -106,15 +110,10 @@ def mixed_drive(vehicle: Vehicle, seed: int, duration_s: float = 360.0) -> Drive
     return Drive(f"mixed{seed}", duration_s, grade_rad=tuple(grade), speed_m_s=tuple(knots))
 
 
-def _sampled(knots: Knots, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    times, values = np.array(knots, dtype=float).T
-    after = np.clip(np.searchsorted(times, t, side="right"), 1, max(1, len(times) - 1))
-    if len(times) == 1:
-        return np.full(len(t), values[0])
-    width = times[after] - times[after - 1]
-    part = np.clip((t - times[after - 1]) / np.where(width > 0, width, 1.0), 0.0, 1.0)
-    part = np.where(width > 0, part, (t >= times[after]).astype(float))
-    return np.asarray(values[after - 1] + part * (values[after] - values[after - 1]))
+def missing_gears(vehicle: Vehicle, drive: Drive) -> set[int]:
+    """Return the gears that a drive asks for and the vehicle does not have; -1 is reverse."""
+    asked = {round(position) for _, position in drive.lever}
+    return asked - {AUTOMATIC, NEUTRAL} - {gear.number for gear in vehicle.gears}
 
 
 def simulate(
@@ -146,21 +145,22 @@ def simulate(
             raise DctorqueError(f"simulation needs neighbouring gears on different shafts: {number - 1}, {number}")
     n = round(drive.duration_s * 1000) + 1
     t = np.arange(n) / 1000.0
-    lever = np.rint(_sampled(drive.lever, t)).astype(np.int64)
-    missing = set(np.unique(lever).tolist()) - {AUTOMATIC, NEUTRAL} - {gear.number for gear in vehicle.gears}
-    if missing:
+    lever = np.rint(sampled(drive.lever, t)).astype(np.int64)
+    if missing := missing_gears(vehicle, drive):
         names = ", ".join("reverse" if number == REVERSE else str(number) for number in sorted(missing))
         raise DctorqueError(f"drive {drive.name} needs gears that the vehicle does not have: {names}")
-    p = parameters(vehicle, powertrain, drive.payload_kg)
-    speed = _sampled(drive.speed_m_s, t) if drive.speed_m_s else np.full(n, -1.0)
+    p = parameters(vehicle, drive.faults.of(powertrain), drive.payload_kg)
+    speed = sampled(drive.speed_m_s, t) if drive.speed_m_s else np.full(n, -1.0)
     rows = np.zeros(n, TRUTH)
-    pedal, brake, grade = (_sampled(k, t) for k in (drive.pedal, drive.brake_n, drive.grade_rad))
-    friction, engine = _sampled(drive.friction, t), _sampled(drive.engine, t) > 0.5
-    state = new_state(p)
+    pedal, brake, grade = (sampled(k, t) for k in (drive.pedal, drive.brake_n, drive.grade_rad))
+    friction, engine = sampled(drive.friction, t), sampled(drive.engine, t) > 0.5
+    two_wheels = len(drive.friction_right) > 0
+    faults = drive.faults.over(t, sampled(drive.friction_right or drive.friction, t))
+    state = new_state(p, two_wheels)
     control = state[5]
     control["creeps"], control["holder"] = drive.creeps, drive.hill_holder
     for start in range(0, n, PIECE):
         end = min(start + PIECE, n)
-        run(p, *state, pedal, brake, grade, friction, lever, engine, speed, rows, start, end)
+        run(p, *state, pedal, brake, grade, friction, lever, engine, speed, faults, rows, start, end)
         progress(end / n)
     return rows

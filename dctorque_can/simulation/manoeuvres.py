@@ -8,8 +8,10 @@ from typing import Final
 
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.simulation.control import AUTOMATIC, NEUTRAL, REVERSE
-from dctorque_can.simulation.drive import Drive, Knots
+from dctorque_can.simulation.drive import Drive
 from dctorque_can.simulation.engine import driver_demand
+from dctorque_can.simulation.faults import Faults
+from dctorque_can.simulation.knots import Knots
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, parameters
 
 _OFF = -1.0  # no speed to follow: the pedals are given
@@ -140,6 +142,107 @@ def wheel_spin(vehicle: Vehicle) -> Drive:
     )
 
 
+def split_mu(vehicle: Vehicle) -> Drive:
+    """Return a start with the left driven wheel on ice (0.1) and the right one on a dry road, until 5 s.
+
+    The differential is open: the car gets twice the force of the wheel on ice, and the driver lifts his foot.
+    """
+    return Drive(
+        "split_mu",
+        10.0,
+        pedal=((1.0, 0.0), (1.3, 0.3), (2.0, 0.3), (2.3, 0.08), (5.5, 0.08), (6.0, 0.35), (8.5, 0.35), (8.7, 0.0)),
+        friction=_steps((0.0, 0.1), (5.0, 0.9)),
+        friction_right=((0.0, 0.9),),
+    )
+
+
+def aborted_shift(vehicle: Vehicle) -> Drive:
+    """Return two up-shifts from second gear that are taken back, in the torque and in the inertia phase."""
+    lever = _steps((0.0, AUTOMATIC), (9.0, 2), (13.0, 3), (13.25, 2), (18.0, 3), (18.5, 2))
+    pedal = ((12.0, 0.25), (22.0, 0.25), (22.2, 0.0))
+    return Drive("aborted_shift", 25.0, pedal=pedal, speed_m_s=_reached(9.0, 9.0, 12.0), lever=lever)
+
+
+def tie_up(vehicle: Vehicle) -> Drive:
+    """Return two power-on up-shifts in which both clutches are closed too far for half a second."""
+    lever = _steps((0.0, AUTOMATIC), (9.0, 2), (13.0, 3), (17.0, 4))
+    pedal = ((12.0, 0.3), (20.0, 0.3), (20.2, 0.0))
+    overlap = _steps((0.0, 0.0), (13.0, 110.0), (13.65, 0.0), (17.0, 70.0), (17.65, 0.0))
+    return Drive(
+        "tie_up",
+        23.0,
+        pedal=pedal,
+        speed_m_s=_reached(9.0, 9.0, 12.0),
+        lever=lever,
+        faults=Faults(overlap_nm=overlap),
+    )
+
+
+def hard_synchroniser(vehicle: Vehicle) -> Drive:
+    """Return third gear, in and out of power: cones of 30 N·m take shaft 2 from fourth to second and back.
+
+    Clutch 1 is locked all the while.
+    """
+    pedal = _steps((13.0, 0.2), (14.5, 0.0), (16.0, 0.3), (17.5, 0.0), (19.0, 0.2), (20.5, 0.0), (22.0, 0.2))
+    return Drive(
+        "hard_synchroniser",
+        24.0,
+        pedal=pedal,
+        speed_m_s=_reached(13.0, 11.0, 13.0),
+        faults=Faults(synchroniser_nm=30.0),
+    )
+
+
+def judder(vehicle: Vehicle) -> Drive:
+    """Return creeping and a gentle start uphill with capacities that swing by 8 %, at 8 Hz first and 12 last."""
+    brake = ((0.0, _BRAKE), (1.0, _BRAKE), (1.3, 0.0), (6.0, 0.0), (6.5, 2000.0), (8.5, 2000.0), (8.7, 0.0))
+    return Drive(
+        "judder",
+        16.0,
+        pedal=((9.0, 0.0), (9.5, 0.3), (14.0, 0.3), (14.2, 0.0)),
+        brake_n=brake,
+        grade_rad=((7.0, 0.0), (8.0, 0.06)),
+        creeps=True,
+        faults=Faults(judder=0.08, judder_hz=(8.0, 12.0)),
+    )
+
+
+def friction_fading(vehicle: Vehicle) -> Drive:
+    """Return three starts uphill, each after 5 s held by the clutch, which loses up to 30 % of its friction."""
+    grade = 0.08
+    holding = _holding_pedal(vehicle, grade)
+    pedal, brake = [(0.0, 0.0)], [(0.0, _BRAKE)]
+    for start in (1.0, 17.0, 33.0):
+        pedal += [(start + 0.5, 0.0), (start + 0.9, holding), (start + 6.0, holding), (start + 6.3, 0.4)]
+        pedal += [(start + 12.0, 0.4), (start + 12.1, 0.0)]
+        brake += [(start, _BRAKE), (start + 0.2, 0.0), (start + 12.5, 0.0), (start + 13.0, _BRAKE)]
+    return Drive(
+        "friction_fading",
+        49.0,
+        pedal=tuple(pedal),
+        brake_n=tuple(brake),
+        grade_rad=((0.0, grade),),
+        faults=Faults(fading=0.3),
+    )
+
+
+def touch_point_drift(vehicle: Vehicle) -> Drive:
+    """Return 70 s of traffic in which clutch 1 comes to touch 0.7 mm earlier than its control knows."""
+    speed = (
+        (0.0, 0.0),
+        (2.0, 0.0),
+        (14.0, 14.0),
+        (18.0, 14.0),
+        (28.0, 0.0),
+        (31.0, 0.0),
+        (43.0, 16.0),
+        (47.0, 16.0),
+    )
+    again = ((58.0, 0.0), (61.0, 0.0), (68.0, 9.0), (70.0, 9.0))
+    moved = ((5.0, 0.0), (60.0, -0.7))
+    return Drive("touch_point_drift", 70.0, speed_m_s=speed + again, faults=Faults(kissing_point_mm=moved))
+
+
 MANOEUVRES: Final[dict[str, Callable[[Vehicle], Drive]]] = {
     make.__name__: make
     for make in (
@@ -153,6 +256,13 @@ MANOEUVRES: Final[dict[str, Callable[[Vehicle], Drive]]] = {
         sailing,
         stop_start,
         wheel_spin,
+        split_mu,
+        aborted_shift,
+        tie_up,
+        hard_synchroniser,
+        judder,
+        friction_fading,
+        touch_point_drift,
     )
 }
 """By the name of the drive."""

@@ -54,6 +54,9 @@ class Powertrain:
     shift_pedal: tuple[float, ...]
     up_shift_m_s: tuple[tuple[float, ...], ...]  # per gear, at `shift_pedal`
     shift_hysteresis_m_s: float
+    clutch_fading: float  # share of its friction that a hot clutch has lost
+    clutch_fading_heat_j: float  # stored in a clutch when it has lost that; less heat takes in proportion
+    clutch_cooling_s: float  # time constant of what is stored
 
 
 DEMO_POWERTRAIN = Powertrain(
@@ -96,6 +99,9 @@ DEMO_POWERTRAIN = Powertrain(
         )
     ),
     shift_hysteresis_m_s=3.0 * MPH,
+    clutch_fading=0.0,
+    clutch_fading_heat_j=70e3,
+    clutch_cooling_s=60.0,
 )
 """A 100 kW engine (idle 800 rpm, lag 0.2 s), cones .35/.30 as in section 4.1, and ordinary values for the rest."""
 
@@ -158,6 +164,9 @@ class Parameters(NamedTuple):
     shift_pedal: Floats
     up_shift: Floats  # [gears, pedals]
     shift_hysteresis: float
+    fading: float
+    fading_heat: float
+    cooling: float
 
 
 def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> Parameters:
@@ -229,4 +238,7 @@ def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> P
         shift_pedal=np.array(powertrain.shift_pedal),
         up_shift=np.array(powertrain.up_shift_m_s),
         shift_hysteresis=powertrain.shift_hysteresis_m_s,
+        fading=powertrain.clutch_fading,
+        fading_heat=powertrain.clutch_fading_heat_j,
+        cooling=powertrain.clutch_cooling_s,
     )

@@ -167,9 +167,11 @@ class _Sampled:
         noise = sigma * self.random.standard_normal(len(clean)) if sigma else 0.0
         return np.asarray(clean + noise, np.float64)
 
-    def speed(self, name: str, group: Speeds, sigma: float) -> Floats:
-        """Return a speed of ``group``, as magnitude if it is sent without sign."""
+    def speed(self, name: str, group: Speeds, sigma: float, difference: float = 0.0) -> Floats:
+        """Return a speed of ``group``, as it is sent: maybe unsigned; ``difference`` is 1 left and -1 right."""
         signed = self.value(name)
+        if difference != 0.0:
+            signed = signed + difference * self.value("wheel_difference_rad_s")
         noise = sigma * self.random.standard_normal(len(signed)) if sigma else 0.0
         if group in self.profile.unsigned:
             return np.asarray(np.maximum(0.0, np.abs(signed) + noise), np.float64)
@@ -226,8 +228,8 @@ def _axle(front: bool) -> Callable[[_Sampled], dict[str, Floats]]:
         scale = s.wheel_radius_m * _KMH_PER_M_S
         sigma = s.profile.noise.wheel_speed_rad_s
         return {
-            f"WheelSpeed{wheel}": s.speed(name, "wheels", sigma) * scale
-            for wheel in (("FL", "FR") if front else ("RL", "RR"))
+            f"WheelSpeed{wheel}": s.speed(name, "wheels", sigma, half if driven else 0.0) * scale
+            for wheel, half in ((("FL", 1.0), ("FR", -1.0)) if front else (("RL", 1.0), ("RR", -1.0)))
         }
 
     return columns

@@ -11,22 +11,10 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.simulation.gears import engage
+from dctorque_can.simulation.layout import BODY, CLUTCH1, DAMPER, ENGINE, OUTPUT, SHAFT1, SHAFT2, WHEEL
 from dctorque_can.simulation.mechanism import FREE, STUCK, Floats, Loads, Mechanism, Motion, Scratch
-from dctorque_can.simulation.plant import (
-    BODY,
-    CLUTCH1,
-    DAMPER,
-    ENGINE,
-    OUTPUT,
-    SHAFT1,
-    SHAFT2,
-    WHEEL,
-    engage,
-    move,
-    new_state,
-    position_for,
-    record,
-)
+from dctorque_can.simulation.plant import move, new_state, position_for, record
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN, Parameters, Powertrain, parameters
 from dctorque_can.simulation.truth import TRUTH
 

@@ -54,6 +54,7 @@ TRUTH = np.dtype(
         ("driveline_heat_j", "f8"),  # gear and final drive losses, dampers, twist lost on disengaging a gear
         ("tyre_heat_j", "f8"),
         ("road_heat_j", "f8"),  # rolling resistance, air, brake
+        ("wheel_difference_rad_s", "f8"),  # half of left minus right driven wheel; wheel_speed_rad_s is their mean
     ],
     align=True,
 )

@@ -6,6 +6,8 @@ same however many follow: the number of runs can be raised later, and what has b
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,14 +19,18 @@ _SCRAMBLING, _NOISE = 0, 1  # purposes of random numbers
 
 def draw(study: Study) -> list[dict[str, float]]:
     """Return the values of the factors per run: nothing for run 0, the nominal car, then those that are drawn."""
+    return [{}, *drawn(study.vary, study.plan.seed, study.plan.runs)]
+
+
+def drawn(vary: Mapping[str, FactorSection], seed: int, runs: int) -> list[dict[str, float]]:
+    """Return the values of so many draws, by name of the factor."""
     from scipy.stats import qmc  # takes a second to import; only a study draws
 
-    vary, runs = study.vary, study.plan.runs
-    random = np.random.default_rng([study.plan.seed, _SCRAMBLING])
+    random = np.random.default_rng([seed, _SCRAMBLING])
     sequence = qmc.Sobol(len(vary), scramble=True, bits=_BITS, seed=random)
     points = sequence.random(1 << (runs - 1).bit_length())[:runs] + 0.5**_BITS / 2
     columns = [quantile(section, points[:, i]).tolist() for i, section in enumerate(vary.values())]
-    return [{}, *(dict(zip(vary, row, strict=True)) for row in zip(*columns, strict=True))]
+    return [dict(zip(vary, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def quantile(section: FactorSection, share: NDArray[np.float64]) -> NDArray[np.float64]:

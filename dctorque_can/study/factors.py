@@ -173,6 +173,22 @@ def _noise(*names: str) -> Callable[[Car, float], Car]:
     return apply
 
 
+def _tyre_friction(car: Car, factor: float) -> Car:
+    left, right = (
+        tuple((t, factor * friction) for t, friction in knots)
+        for knots in (car.drive.friction, car.drive.friction_right)
+    )
+    return replace(car, drive=replace(car.drive, friction=left, friction_right=right))
+
+
+def _clutch_drag(car: Car, drag_nms_per_rad: float) -> Car:
+    clutches = tuple(
+        replace(clutch, drag_nms_per_rad=clutch.drag_nms_per_rad + drag_nms_per_rad)
+        for clutch in car.vehicle.clutches
+    )
+    return _vehicle(car, clutches=clutches)
+
+
 def _bus_delay(car: Car, delay_ms: float) -> Car:
     later = round(1000 * delay_ms)
     timing = {name: replace(t, delay_us=t.delay_us + later) for name, t in car.sensors.timing.items()}
@@ -262,6 +278,22 @@ FACTORS: Mapping[str, Factor] = {
             0,
             1000,
             _torque_lag,
+        ),
+        Factor(
+            "tyre_friction_factor",
+            "Greatest force over load of the driven tyres, on drives on which they have a limit",
+            1,
+            0.1,
+            10,
+            _tyre_friction,
+        ),
+        Factor(
+            "clutch_drag_nms_per_rad",
+            "Added to the drag of both clutches; it acts while they are open, too",
+            0,
+            0,
+            1,
+            _clutch_drag,
         ),
     )
 }

@@ -153,22 +153,32 @@ def load_study(
     Raises:
         ConfigError: with every error of the study, and of the vehicle file if that is found.
     """
-    document = parse(read_content(path), str(path))
-    if not document.data:
-        raise ConfigError(document.problems)
-    for key, value in (changes or {}).items():
-        document.data[key] = value
-        document.places[(key,)] = (f"--{key.removesuffix('_s')}", 0)
+    document = read_study(path, changes)
     plan = validate(document, (), StudySection)
-    _check_limits(document)
-    config = _vehicle(document, path, overrides)
+    check_limits(document)
+    config = believed(document, ("vehicle",), path, overrides)
     problems = sorted(document.problems, key=problem_order)
     if plan is None or config is None or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
     return Study(path, plan, config)
 
 
-def _check_limits(document: Document) -> None:
+def read_study(path: Path, changes: Mapping[str, Any] | None) -> Document:
+    """Return a study file with the values that the command line gives instead of its own.
+
+    Raises:
+        ConfigError: it cannot be read, is no YAML mapping, or is empty.
+    """
+    document = parse(read_content(path), str(path))
+    if not document.data:
+        raise ConfigError(document.problems)
+    for key, value in (changes or {}).items():
+        document.data[key] = value
+        document.places[(key,)] = (f"--{key.removesuffix('_s')}", 0)
+    return document
+
+
+def check_limits(document: Document) -> None:
     """Report draws that no car can have, also where the rest of the file has errors."""
     vary = document.value(("vary",))
     for name, section in vary.items() if isinstance(vary, dict) else ():
@@ -185,15 +195,16 @@ def _check_limits(document: Document) -> None:
                 document.problems.append(document.problem(at, reason))
 
 
-def _vehicle(document: Document, path: Path, overrides: Mapping[str, str] | None) -> Config | None:
-    name = document.value(("vehicle",))
+def believed(document: Document, at: KeyPath, path: Path, overrides: Mapping[str, str] | None) -> Config | None:
+    """Return the vehicle that a study names at a key; what is wrong with it goes to ``document.problems``."""
+    name = document.value(at)
     if not isinstance(name, str):
         return None  # has been reported
     file = find_config(name, path.parent)
     if not file.is_file():
         known = {*(car.stem for car in shipped_configs()), *(near.name for near in file.parent.glob("*.yaml"))}
         reason = f"there is no vehicle file {file}{nearest(name, known - {path.name})}"
-        document.problems.append(document.problem(("vehicle",), reason))
+        document.problems.append(document.problem(at, reason))
         return None
     try:
         return load_config(file, overrides)

@@ -11,14 +11,35 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 from pathlib import Path
+from typing import Protocol
 
 from dctorque_can.errors import DctorqueError
 from dctorque_can.study.draw import draw
 from dctorque_can.study.plan import Study
 from dctorque_can.study.results import Results
-from dctorque_can.study.run import Bench, Record, Setup
+from dctorque_can.study.run import Record, Setup
 
-_bench: Bench | None = None  # of a worker process
+
+class Maker(Protocol):
+    """Makes the runs of a study; what run k gives depends on k and the values of its factors only."""
+
+    def warm_up(self) -> None:
+        """Compile everything, or load it where it is compiled already."""
+
+    def run(self, number: int, values: Mapping[str, float]) -> Record:
+        """Return one line of results."""
+        ...
+
+
+class Given(Protocol):
+    """What every process of a study is given; it can be pickled."""
+
+    def bench(self) -> Maker:
+        """Return what makes the runs."""
+        ...
+
+
+_bench: Maker | None = None  # of a worker process
 
 
 def available_cores() -> int:
@@ -53,15 +74,32 @@ def make_runs(
         DctorqueError: the car with nothing varied fails, or a worker was ended from outside.
     """
     total = study.plan.runs + 1
-    progress(1.0 - len(missing) / total)
-    for record in finished_runs(Setup.of(study, drives), missing, jobs or available_cores()):
+
+    def check(record: Record) -> None:
         if record["run"] == 0 and "error" in record:
             raise DctorqueError(f"{study.path}: the car with nothing varied fails already: {record['error']}")
+
+    keep_runs(Setup.of(study, drives), results, missing, total, jobs, progress, check)
+
+
+def keep_runs(
+    setup: Given,
+    results: Results,
+    missing: Mapping[int, Mapping[str, float]],
+    total: int,
+    jobs: int | None,
+    progress: Callable[[float], None] = lambda fraction: None,
+    check: Callable[[Record], None] = lambda record: None,
+) -> None:
+    """Make the ``missing`` runs of ``total`` and keep each that ``check`` lets pass; see `make_runs`."""
+    progress(1.0 - len(missing) / total)
+    for record in finished_runs(setup, missing, jobs or available_cores()):
+        check(record)
         results.append(record)
         progress(len(results.records) / total)
 
 
-def finished_runs(setup: Setup, values: Mapping[int, Mapping[str, float]], jobs: int) -> Iterator[Record]:
+def finished_runs(setup: Given, values: Mapping[int, Mapping[str, float]], jobs: int) -> Iterator[Record]:
     """Yield the record of every run, in the order in which they finish.
 
     Compiled code is made here, before any worker starts: they find it in the cache. When the caller stops taking
@@ -75,7 +113,7 @@ def finished_runs(setup: Setup, values: Mapping[int, Mapping[str, float]], jobs:
     Raises:
         DctorqueError: a worker was ended from outside.
     """
-    bench = Bench(setup)
+    bench = setup.bench()
     bench.warm_up()
     jobs = min(jobs, len(values))
     if jobs <= 1:
@@ -112,7 +150,7 @@ def _with_interrupt_blocked(start: Callable[[], None]) -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, old)
 
 
-def _begin(setup: Setup) -> None:
+def _begin(setup: Given) -> None:
     """Prepare a worker process; it ends when its parent has ended in whatever way."""
     global _bench
     parent = multiprocessing.parent_process()
@@ -124,7 +162,7 @@ def _begin(setup: Setup) -> None:
         os._exit(1)
 
     threading.Thread(target=follow, daemon=True).start()
-    _bench = Bench(setup)
+    _bench = setup.bench()
 
 
 def _run(number: int, values: Mapping[str, float]) -> Record:

@@ -42,7 +42,7 @@ ESTIMATORS = ("oh2014", "kalman", BOUND)
 """Both methods, and the Kalman filter that is told the true car, gears and phases."""
 
 _BATCH = 100_000
-_JUDGED = np.dtype(
+JUDGED = np.dtype(
     [
         ("t_us", "i8"),
         *((field, "f8") for field in TORQUES.values()),
@@ -82,6 +82,10 @@ class Setup:
         plan = study.plan
         drive, profile = DriveName(plan.drive), ProfileName(plan.profile)
         return cls(study.config.documents, drive, plan.duration_s, profile, plan.seed, drives)
+
+    def bench(self) -> Bench:
+        """Return what makes the runs."""
+        return Bench(self)
 
 
 class Bench:
@@ -154,16 +158,21 @@ class Bench:
         check_drive(truth, car.vehicle.chassis.wheel_radius_m)
         # The wheel signals are made with the radius of the nominal car: control units have it coded.
         frames = emit_frames(truth, self.nominal.vehicle, car.sensors, self._config.database)
-        judged = np.zeros(len(truth), _JUDGED)
-        for name in _JUDGED.names or ():
-            judged[name] = truth[name]
-        return frames, judged
+        return frames, judged(truth)
 
     def _key(self, car: Car) -> str:
         """Return what frames and truth of a car depend on, as one hash."""
         databases = sorted((n, c) for n, c in self._setup.documents.items() if not n.endswith((".yaml", ".yml")))
         depends_on = (code(SIMULATION), car, self.nominal.vehicle.chassis.wheel_radius_m, databases)
         return hashlib.sha256(repr(depends_on).encode()).hexdigest()[:32]
+
+
+def judged(truth: NDArray[np.void]) -> NDArray[np.void]:
+    """Return of the truth what estimates are held against, `JUDGED` ``[n]``."""
+    rows = np.zeros(len(truth), JUDGED)
+    for name in JUDGED.names or ():
+        rows[name] = truth[name]
+    return rows
 
 
 def _loaded(car: Car) -> Vehicle:

@@ -169,3 +169,27 @@ def test_an_interrupted_study_goes_on_to_the_same_results(
     assert lines(results)[:8] == lines(tmp_path / "whole" / "results.jsonl")
     summaries = [json.loads((tmp_path / name / "summary.json").read_text()) for name in ("cut", "whole")]
     assert summaries[0] == summaries[1]
+
+
+def test_a_catalogue_of_one_drive(dctorque, tmp_path: Path) -> None:
+    """Made, shown, and gone on with; options that it has no use for are refused."""
+    path = tmp_path / "catalogue.yaml"
+    vary = {"engine_torque_offset_nm": {"uniform": {"low": -5, "high": 5}}}
+    catalogue = {"vehicles": ["paper_car"], "drives": ["wheel_spin"], "runs": 1, "signals": {"usual": {}}}
+    path.write_text(yaml.safe_dump(catalogue | {"vary": vary}))
+    outcome = dctorque("study", path, "-o", "one", "-j", 1, "--json")
+    assert outcome.code == 0, outcome.err
+    result = json.loads(outcome.out)
+    (row,) = result["rows"]
+    assert (row["vehicle"], row["drive"], row["signals"], row["draws"]) == ("paper_car", "wheel_spin", "usual", 1)
+    assert 0 < row["torques"]["clutch1_nm"]["rms_nm"] < 50
+    summary = json.loads((tmp_path / "one" / "summary.json").read_text())
+    assert summary == {key: value for key, value in result.items() if key != "files"}
+    shown = dctorque("study", path, "-o", "one", "-j", 1)
+    assert shown.code == 0
+    assert "all drives are there already" in shown.err
+    assert "wheel_spin" in shown.out
+    assert "Within the 95 % band" in shown.out
+    refused = dctorque("study", path, "--drive", "paper")
+    assert refused.code == 1
+    assert "--drive" in refused.err

@@ -299,3 +299,17 @@ def test_the_signed_bus_sends_the_same_forwards(
         for name in before:
             if "Crc" not in name:
                 np.testing.assert_array_equal(before[name], np.maximum(after[name], 0.0), err_msg=name)
+
+
+def test_left_and_right_driven_wheel_have_their_own_speeds(paper_vehicle: Vehicle, database: Database) -> None:
+    """With one wheel on ice; the wheels of the other axle are alike."""
+    truth = simulate(paper_vehicle, replace(MANOEUVRES["split_mu"](paper_vehicle), duration_s=4.0))
+    frames = emit_frames(truth, paper_vehicle, replace(LABORATORY, noise=QUIET), database)
+    kmh = 3.6 * paper_vehicle.chassis.wheel_radius_m
+    for side, wheel in ((1, "FL"), (-1, "FR")):
+        _, front = decoded(frames, database, "WheelSpeedsFront")
+        expected = (truth["wheel_speed_rad_s"] + side * truth["wheel_difference_rad_s"])[:-1] * kmh
+        np.testing.assert_allclose(front[f"WheelSpeed{wheel}"], np.maximum(expected, 0.0), atol=0.02)
+    _, rear = decoded(frames, database, "WheelSpeedsRear")
+    np.testing.assert_array_equal(rear["WheelSpeedRL"], rear["WheelSpeedRR"])
+    assert front["WheelSpeedFL"].max() > 20.0 + front["WheelSpeedFR"].max()
