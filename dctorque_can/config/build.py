@@ -289,8 +289,8 @@ def _note_untold_signs(document: Document, builder: InputBuilder) -> None:
     untold = [entry.key.removeprefix("inputs.") for entry in builder.entries if entry.input.signs is Signs.UNTOLD]
     if untold:
         reason = (
-            f"give signed: true or false to {', '.join(untold)}: the DBC allows negative values, but does a car that "
-            "rolls backwards send them? Until one comes, they count as without sign"
+            f"give signed: true or false to {', '.join(untold)}: the DBC allows negative values, but does a car "
+            "that rolls backwards send them? Until one comes, they count as without sign"
         )
         document.problems.append(document.problem(("inputs",), reason, warning=True))
 

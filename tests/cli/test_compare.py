@@ -148,7 +148,8 @@ SIGNED = [part for speed in SPEEDS for part in ("--set", f"inputs.{speed}.signed
 
 def test_the_smoother_as_third(dctorque) -> None:
     same = "same=estimator.method=kalman"
-    outcome = dctorque("compare", *SHORT, *EXACT, *SIGNED, "--smooth", "--json", "--variant", same, "-o", "compare.png")
+    command = ("compare", *SHORT, *EXACT, *SIGNED, "--smooth", "--json", "--variant", same, "-o", "compare.png")
+    outcome = dctorque(*command)
     assert outcome.code == 0, outcome.err
     variants = json.loads(outcome.out)["variants"]
     assert list(variants) == ["oh2014", "kalman", "kalman smoothed", "same"]

@@ -82,7 +82,7 @@ def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, config:
     """Rows at the times of the online ones, less wrong and surer; the same frames, signals and health."""
     content = ReplayContent(frames=True, signals=True, truth=True)
     speeds = ("shaft1_speed", "shaft2_speed", *(f"wheel_speeds.{wheel}" for wheel in ("fl", "fr", "rl", "rr")))
-    signed = {f"inputs.{speed}.signed": "true" for speed in speeds}  # the direction of a short launch is not in doubt
+    signed = {f"inputs.{speed}.signed": "true" for speed in speeds}  # so that no direction is in doubt
     config = load_config(shipped_config("paper_car"), signed)
     online = run([log], config, tmp_path / "online.mcap", content)
     result = run([log], config, tmp_path / "smoothed.mcap", replace(content, smooth=True))

@@ -16,6 +16,7 @@ from dctorque_can.estimators.kalman.thresholds import FASTEST_WHEEL, SAME_TIME_U
 
 _FIRST = 3  # place of the first wheel among the signals
 _REAR_WHEEL = WHEEL + 2
+_ROLLS_SHARE, _ROLLS = 0.06, 0.6  # of the speed, and rad/s, by which a driven wheel that rolls leaves the body
 _APART, _APART_TIME = 0.1, 0.05  # rad/s by which driven wheels leave the body at least, and s for which they do
 _SPIKE, _STUCK, _MISSING = int(SensorFault.SPIKE), int(SensorFault.STUCK), int(SensorFault.MISSING)
 
@@ -77,7 +78,8 @@ def measure_axle(inputs: Any, f: Any, tuning: Any, left: int, driven: bool, sens
         there_l, fault = False, _STUCK
     if there_r and faults.is_stuck(f, tuning, signal + 1, state, w_r, variance_r):
         there_r, fault = False, _STUCK
-    if fault == 0 and ((there_l and there_r) or near_in_time(inputs, left)):
+    together = (there_l and there_r) or near_in_time(inputs, left)
+    if fault == 0 and together and not (driven and spins_alone(f, w_l, w_r)):
         odd = faults.odd_wheel(f, tuning, axle, state, w_l, w_r, variance_l + variance_r)
         there_l, there_r = there_l and odd != 1, there_r and odd != 2
         if odd != 0:
@@ -98,6 +100,15 @@ def measure_axle(inputs: Any, f: Any, tuning: Any, left: int, driven: bool, sens
         faults.measure_gated(f, tuning, sensor, state, z, variance, FASTEST_WHEEL)
     if fault != 0:
         faults.blame(f, sensor, fault)
+
+
+@compiled_without_allocation
+def spins_alone(f: Any, left: float, right: float) -> bool:
+    """Return whether one driven wheel spins while the other one rolls with the body: the output shaft is between."""
+    body = abs(f.x[W_B])
+    slow, fast = min(abs(left), abs(right)), max(abs(left), abs(right))
+    usual = _ROLLS_SHARE * body + _ROLLS
+    return bool(fast > body + usual and abs(slow - body) <= usual)
 
 
 @compiled_without_allocation
