@@ -145,6 +145,32 @@ class GearSignalSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
+class ShiftFlagSection(Section):
+    """A flag that says whether a shift is in progress."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    values: Annotated[dict[RawKey, Literal["yes", "no"]], Field(min_length=1)]
+    """Raw value, or name of the DBC's value table, to yes or no; others: no value."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the flag is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
+
+
+class ClutchStateSection(Section):
+    """One state for both clutches together."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    values: Annotated[dict[RawKey, Literal["open", "slipping", "closed"]], Field(min_length=1)]
+    """Raw value, or name of the DBC's value table, to open, slipping or closed; others: no value."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the state is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
+
+
 class FlagSection(Section):
     """A flag that says whether one clutch is open."""
 

@@ -32,7 +32,7 @@ def conclude(k: Kalman, inputs: Any, answer: Any, row: Any) -> int:
         if inputs.direction == 0:
             gearbox.admit_either_direction(f, k.tuning[0], inputs.doubt)
         gearbox.admit_motion(f, k.tuning[0])
-        gearbox.admit_synchronisers(f, k.tuning[0], phase_of(inputs, 0), phase_of(inputs, 1))
+        gearbox.admit_synchronisers(f, k.tuning[0], inputs, phase_of(inputs, 0), phase_of(inputs, 1))
     tape.published(f, k.tables, k.tuning[0])
     row.clutch1_torque_nm, row.clutch2_torque_nm, row.output_torque_nm = f.T_c1, f.T_c2, f.T_o
     row.clutch1_sigma_nm, row.clutch2_sigma_nm, row.output_sigma_nm = f.sigma_1, f.sigma_2, f.sigma_o
@@ -59,7 +59,7 @@ def judge(f: Any, inputs: Any) -> int:
     status |= _CONVERGED
     if f.P[T_V, T_V] <= (VALID_OUTPUT_SHARE * inputs.output_limit) ** 2:
         status |= _ROAD_LOAD_LEARNED
-    if not phases_known(inputs):
+    if inputs.phases_told and not phases_known(inputs):
         return status
     if f.sigma_1 <= VALID_SHARE * inputs.torque_limit[0]:
         status |= _CLUTCH1_VALID

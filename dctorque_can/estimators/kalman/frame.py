@@ -16,6 +16,7 @@ from dctorque_can.estimators.inputs import (
     COMMAND_1,
     ENGINE_SPEED,
     ENGINE_TORQUE,
+    GEAR,
     GEAR_1,
     GRADE,
     SPEED_1,
@@ -205,7 +206,7 @@ def may_go_on(inputs: Any) -> bool:
     complete = wheels and seen_lately(inputs, ENGINE_SPEED) and seen_lately(inputs, ENGINE_TORQUE)
     for i in range(2):
         complete &= seen_lately(inputs, SPEED_1 + i) or not inputs.mapped[SPEED_1 + i]
-        complete &= seen_lately(inputs, GEAR_1 + i) or inputs.infer_gears
+        complete &= seen_lately(inputs, GEAR if inputs.one_gear else GEAR_1 + i) or inputs.infer_gears
     return complete
 
 

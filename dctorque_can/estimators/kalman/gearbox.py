@@ -229,14 +229,14 @@ def admit_motion(f: Any, tuning: Any) -> None:
 
 
 @compiled_without_allocation
-def admit_synchronisers(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
+def admit_synchronisers(f: Any, tuning: Any, inputs: Any, phase_1: int, phase_2: int) -> None:
     """Let what is published be as uncertain as a synchroniser makes it that may begin to pull at any moment.
 
     It pulls within milliseconds, a locked clutch on the other shaft and the output shaft carry it at once, and no
     signal says when. The speeds show it 10 to 20 ms later; until then the estimate is off by that torque.
     """
     for i in range(2):
-        if f.gear[i] != 0:
+        if f.gear[i] != 0 and not inputs.gear_unsure[i]:
             continue
         at_wheel = tuning.synchroniser_torque * tuning.synchroniser_ratio[i]
         f.sigma_o = math.hypot(f.sigma_o, at_wheel)
