@@ -36,7 +36,7 @@ def decide_gears(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) ->
         return
     for i in range(2):
         if inputs.infer_gears:
-            follow_ratio(core, inputs, rules, i)
+            follow_ratio(core, inputs, rules, inputs, i)
             continue
         known = usable(inputs, GEAR_1 + i)
         inputs.gear_known[i] = known
@@ -124,7 +124,7 @@ def judge_speeds(core: Any, inputs: Any, rules: Any) -> None:
     if known and abs(w_d) > rules.min_wheel_speed:
         for i in range(2):
             gear = inputs.gear[i]
-            if gear != 0 and abs(inputs.w_c[i] / (rules.ratio[gear + 1] * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
+            if gear != 0 and not inputs.gear_unsure[i] and abs(inputs.w_c[i] / (rules.ratio[gear + 1] * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
                 fits = False
     inputs.fits = fits
     if not fits:

@@ -31,6 +31,10 @@ SETTLED_US = 300_000
 """For so long the clutch of the actual gear must have been together, before the old one counts as open."""
 TOGETHER_RAD_S = 6.0
 """Slip below which it is: speeds come late, and the shaft's may be that of wheels."""
+ODD_RAD_S, ODD_SHARE = 2.0, 0.01
+"""By which a shaft and its gear may be apart, since their speeds are taken at different times."""
+ODD_US = 200_000
+"""For so long the speed of a shaft that has left its gear disturbs the torques."""
 REVERSAL_NM = 5.0
 """Torque of both clutches beyond zero from which the next shift is expected to be the other way."""
 
@@ -74,9 +78,7 @@ def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> 
     note_slip(d, inputs, rules, slip)
     inputs.gear[a], inputs.gear_known[a], inputs.gear_unsure[a] = actual, True, False
     if inputs.mapped[SPEED_1 + b]:
-        follow_ratio(core, inputs, rules, b)
-        inputs.gear_unsure[b] = not inputs.gear_known[b]
-        inputs.gear_known[b] = True
+        take_ratio(core, inputs, rules, a, b, w_d)
         return
     torque = answer.T_c[0] + answer.T_c[1]
     if d.together_us == NEVER:
@@ -91,7 +93,29 @@ def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> 
     elif not sure:
         gear = expected(rules, actual, b, bool(d.up))
     inputs.gear[b], inputs.gear_known[b], inputs.gear_unsure[b] = gear, True, True
-    inputs.ambiguous = not sure and bool(d.shifting) and gear != 0
+    may_carry = bool(d.shifting) if not inputs.closed_known[b] else bool(inputs.closed[b])
+    inputs.ambiguous = not sure and may_carry and gear != 0
+
+
+@compiled_without_allocation
+def take_ratio(core: Any, inputs: Any, rules: Any, a: int, b: int, w_d: float) -> None:
+    """Take the gear of shaft b from its speed; a is the one that drives.
+
+    A shaft that leaves its gear moves away from it slowly. So while its clutch is open its speed does not count for
+    more than this, and while it may carry torque the gears are ambiguous once the speed has left the gear.
+    """
+    d = core.one_gear
+    d.gear[a], d.gear_known[a] = inputs.gear[a], True
+    follow_ratio(core, inputs, rules, d, b)
+    is_open = bool(inputs.closed_known[b]) and not inputs.closed[b]
+    gear = d.gear[b] if d.gear_known[b] else 0
+    inputs.gear[b], inputs.gear_known[b] = gear, True
+    inputs.gear_unsure[b] = is_open or not d.gear_known[b]
+    if usable(inputs, SPEED_1 + b) and gear != 0:
+        apart = abs(abs(inputs.w_c[b]) - abs(rules.ratio[gear + 1] * w_d))
+        if apart > ODD_RAD_S + ODD_SHARE * abs(inputs.w_c[b]):
+            d.odd_us = inputs.t_us
+    inputs.ambiguous = not is_open and d.odd_us != NEVER and inputs.t_us - d.odd_us < ODD_US
 
 
 @compiled_without_allocation

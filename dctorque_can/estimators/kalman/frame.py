@@ -27,7 +27,7 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
-from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints
+from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, one_gear
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
@@ -110,7 +110,10 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     before_us = f.t_us
     kalman.predict(f, k.tables, tuning, phase_1, phase_2, braking(inputs), stands, inputs.t_us)
     take_torque(inputs, f, tuning, (f.t_us - before_us) * 1e-6)
-    gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
+    if inputs.one_gear:
+        one_gear.change_gears(f, tuning, inputs)
+    else:
+        gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
     gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
     if inputs.direction == 0 and not (stands and braking(inputs)):
         gearbox.let_roll(f, tuning, (f.t_us - before_us) * 1e-6)
@@ -121,6 +124,8 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     sure = inputs.direction != 0  # else slip and twist have no sign either, and only the body's speed is taken
     for i in range(2):
         geared = inputs.gear[i] != 0
+        if geared and inputs.gear_unsure[i]:
+            continue  # it may turn as it likes
         fastest = FASTEST_WHEEL * abs(tuning.ratio[i, inputs.gear[i] + 1]) if geared else math.inf
         slow = abs(inputs.value[SPEED_1 + i]) < _SLOW * abs(tuning.ratio[i, inputs.gear[i] + 1])
         if geared and inputs.signs[SPEED_1 + i] != _SIGNED and (slow if sure else stands):

@@ -1,0 +1,67 @@
+"""Gears that one gear signal for the whole gearbox lets one expect, in the filter: they change under load.
+
+A gear that a shaft's own signal tells changes while its clutch is open. One that is only expected turns out to be
+another one at any time: then the clutch may carry anything between nothing and all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.estimators.inputs import SPEED_1
+from dctorque_can.estimators.kalman import gearbox
+from dctorque_can.estimators.kalman.filter import forget
+from dctorque_can.estimators.kalman.model import R_1, T_C1, TH_T1, W_C1, W_O, N
+
+_AT_LEAST = 30.0  # N·m of either clutch that nobody knows of
+_LEAST_TWIST = 1e-3  # rad
+_LEAST_SPEED = 1.0  # (rad/s)², of a shaft in gear against its wheels
+
+
+@compiled_without_allocation
+def change_gears(f: Any, tuning: Any, inputs: Any) -> None:
+    """Take new gears."""
+    for i in range(2):
+        if inputs.gear[i] == f.gear[i]:
+            continue
+        if inputs.gear[i] == 0 or (f.gear[i] == 0 and not inputs.closed[i]):
+            gearbox.change_gear(f, tuning, i, inputs.gear[i])
+            if inputs.gear[i] == 0:
+                continue
+        else:
+            f.gear[i] = inputs.gear[i]
+            share_torque(f, tuning, i, bool(inputs.closed[i]))
+        if not inputs.mapped[SPEED_1 + i]:
+            turn_with_car(f, float(tuning.ratio[i, f.gear[i] + 1]), i)
+
+
+@compiled_without_allocation
+def share_torque(f: Any, tuning: Any, i: int, carries: bool) -> None:
+    """Let clutch i carry any part of what both do, if it may carry something; both together are what they were."""
+    T, other = T_C1 + i, T_C1 + 1 - i
+    total = f.x[T_C1] + f.x[T_C1 + 1]
+    sigma = 0.5 * abs(total) + _AT_LEAST if carries else tuning.open_torque
+    mine = 0.5 * total if carries else 0.0
+    rest = total - mine
+    forget(f, T, mine, sigma * sigma)
+    forget(f, R_1 + i, 0.0, tuning.sliding_rate**2 if carries else tuning.rate[0] ** 2)
+    if f.gear[1 - i] != 0:
+        f.x[other] = rest
+        f.P[other, other] += sigma * sigma
+        f.P[T, other] = f.P[other, T] = -sigma * sigma
+    ratio = abs(tuning.ratio[i, f.gear[i] + 1])
+    twist = math.hypot(_LEAST_TWIST, tuning.transfer_twist[i, f.gear[i] + 1] * ratio * sigma)
+    forget(f, TH_T1 + i, 0.0, twist * twist)
+
+
+@compiled_without_allocation
+def turn_with_car(f: Any, ratio: float, i: int) -> None:
+    """Let an input shaft whose speed nobody measures turn as its gear makes it."""
+    shaft = W_C1 + i
+    forget(f, shaft, ratio * f.x[W_O], 0.0)
+    for k in range(N):
+        if k != shaft:
+            f.P[shaft, k] = f.P[k, shaft] = ratio * f.P[W_O, k]
+    f.P[shaft, shaft] = ratio * ratio * f.P[W_O, W_O] + _LEAST_SPEED
