@@ -58,7 +58,7 @@ def told_gear(inputs: Any, rules: Any, quantity: int) -> tuple[bool, int]:
 def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> None:
     """Decide the gears of both shafts."""
     d = core.one_gear
-    inputs.ambiguous = False
+    inputs.ambiguous = inputs.idle[0] = inputs.idle[1] = False
     known, actual = told_gear(inputs, rules, GEAR)
     if not known:  # the gears stay what they were
         inputs.gear_known[0] = inputs.gear_known[1] = False
@@ -77,6 +77,7 @@ def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> 
     slip = w_e - rules.ratio[actual + 1] * w_d
     note_slip(d, inputs, rules, slip)
     inputs.gear[a], inputs.gear_known[a], inputs.gear_unsure[a] = actual, True, False
+    inputs.idle[b] = inputs.closed[b] and not inputs.closed_known[b] and not d.shifting
     if inputs.mapped[SPEED_1 + b]:
         take_ratio(core, inputs, rules, a, b, w_d)
         return

@@ -104,6 +104,7 @@ FILTER = np.dtype(
         ("gear", "i8", (2,)),
         ("drives", "u1", (2,)),  # direction of the losses
         ("against", "u1", (2,)),  # the shaft turns against the engine: the car rolls against its gear
+        ("idle", "u1", (2,)),  # of `contract.INPUTS`
         ("heading", "i8"),  # ±1, the direction of the car that the speeds were measured in
         ("started", "u1"),  # once
         ("running", "u1"),

@@ -108,10 +108,12 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     phase_1, phase_2 = phase_of(inputs, 0), phase_of(inputs, 1)
     stands = abs(f.x[W_B]) < STANDSTILL
     before_us = f.t_us
+    f.idle[0], f.idle[1] = inputs.idle[0], inputs.idle[1]
     kalman.predict(f, k.tables, tuning, phase_1, phase_2, braking(inputs), stands, inputs.t_us)
     take_torque(inputs, f, tuning, (f.t_us - before_us) * 1e-6)
     if inputs.one_gear:
         one_gear.change_gears(f, tuning, inputs)
+        one_gear.expect_open(f, (f.t_us - before_us) * 1e-6)
     else:
         gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
     gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)

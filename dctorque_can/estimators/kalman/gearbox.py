@@ -243,12 +243,19 @@ def admit_synchronisers(f: Any, tuning: Any, inputs: Any, phase_1: int, phase_2:
     for i in range(2):
         if f.gear[i] != 0 and not inputs.gear_unsure[i]:
             continue
-        at_wheel = tuning.synchroniser_torque * tuning.synchroniser_ratio[i]
+        ratio = max(tuning.synchroniser_ratio[i], abs(tuning.ratio[i, f.gear[i] + 1]))
+        at_wheel = tuning.synchroniser_torque * ratio
         f.sigma_o = math.hypot(f.sigma_o, at_wheel)
         gear = f.gear[1 - i]
         phase = phase_2 if i == 0 else phase_1
         if gear != 0 and (phase == _LOCKED or (inputs.one_gear and phase == _SLIPPING)):
-            jump = at_wheel / abs(tuning.ratio[1 - i, gear + 1])
+            ratio = abs(tuning.ratio[1 - i, gear + 1])
+            if f.gear[i] != 0 and (phase_1 if i == 0 else phase_2) != _OPEN:  # taken for a shift of the load
+                ratio = abs(ratio - abs(tuning.ratio[i, f.gear[i] + 1]))
+                f.sigma_1 = math.hypot(f.sigma_1, at_wheel / ratio)
+                f.sigma_2 = math.hypot(f.sigma_2, at_wheel / ratio)
+                continue
+            jump = at_wheel / ratio
             if i == 0:
                 f.sigma_2 = math.hypot(f.sigma_2, jump)
             else:

@@ -10,11 +10,12 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.estimators.inputs import SPEED_1
 from dctorque_can.estimators.kalman import gearbox
-from dctorque_can.estimators.kalman.filter import forget
+from dctorque_can.estimators.kalman.filter import forget, measure
 from dctorque_can.estimators.kalman.model import R_1, T_C1, TH_T1, W_C1, W_O, N
 
+_SHARE, _LITTLE = 0.25, 5.0  # of what both clutches carry, and N·m, that one may which need not
+_EXPECTED_S = 0.1  # for how long that lasts
 _AT_LEAST = 30.0  # N·m of either clutch that nobody knows of
 _LEAST_TWIST = 1e-3  # rad
 _LEAST_SPEED = 1.0  # (rad/s)², of a shaft in gear against its wheels
@@ -33,8 +34,19 @@ def change_gears(f: Any, tuning: Any, inputs: Any) -> None:
         else:
             f.gear[i] = inputs.gear[i]
             share_torque(f, tuning, i, bool(inputs.closed[i]))
-        if not inputs.mapped[SPEED_1 + i]:
-            turn_with_car(f, float(tuning.ratio[i, f.gear[i] + 1]), i)
+        turn_with_car(f, float(tuning.ratio[i, f.gear[i] + 1]), i)
+
+
+@compiled_without_allocation
+def expect_open(f: Any, seconds: float) -> None:
+    """Expect that a clutch carries little of which nothing is told, while the other one drives.
+
+    A torque that it always had could not be told from one of the road. Said weakly, so that it may take over.
+    """
+    for i in range(2):
+        if f.idle[i] and f.gear[i] != 0 and seconds > 0.0:
+            sigma = _SHARE * abs(f.x[T_C1] + f.x[T_C1 + 1]) + _LITTLE
+            measure(f, T_C1 + i, 0.0, sigma * sigma * max(_EXPECTED_S / seconds, 1.0))
 
 
 @compiled_without_allocation
@@ -58,7 +70,7 @@ def share_torque(f: Any, tuning: Any, i: int, carries: bool) -> None:
 
 @compiled_without_allocation
 def turn_with_car(f: Any, ratio: float, i: int) -> None:
-    """Let an input shaft whose speed nobody measures turn as its gear makes it."""
+    """Let an input shaft turn as its gear makes it: a stiff gear would make torque of any other speed."""
     shaft = W_C1 + i
     forget(f, shaft, ratio * f.x[W_O], 0.0)
     for k in range(N):
