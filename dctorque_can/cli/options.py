@@ -65,7 +65,8 @@ ProfileChoice = Annotated[
     typer.Option(
         "--profile",
         help="laboratory: every signal at 1 kHz with noise. production: 10/20 ms, quantised, delayed, jittering. "
-        "inertial: production with acceleration and grade. one_gear: production with one gear for the whole gearbox.",
+        "inertial: production with acceleration and grade. one_gear: production with "
+        "one gear for the whole gearbox.",
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the noise, and of a mixed drive.")]

@@ -77,7 +77,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     builder = InputBuilder(document, database, sound_radius)
     _inputs(document, builder)
     gear_source = _gear_source(document, builder, gears, complete)
-    phases = _clutch_phase(document, builder)
+    phases = _clutch_phase(document, builder, isinstance(gear_source, OneGear))
     estimator = validate(document, ("estimator",), EstimatorSection)
     protections = _protections(document, builder)
     _note_missing_axle(document, builder, vehicle)
@@ -201,16 +201,21 @@ def _shared_signal(section: GearsFromSignals) -> GearSignalSection:
     return one.model_copy(update={"values": values, "timeout_ms": timeout_ms, "delay_ms": delay_ms})
 
 
-def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | None:
+def _clutch_phase(document: Document, builder: InputBuilder, one_gear: bool) -> PhaseSettings | None:
     path: KeyPath = ("clutch_phase",)
     model = _model_of_source(document, path, PHASE_SOURCES)
     if model is None:
         return None
     section = validate(document, path, model)
+    if one_gear and isinstance(section, PhaseFromFlag) and section.clutch1 == section.clutch2:
+        reason = f"{section.clutch1.signal} is one state of both clutches, and is taken so; better: source: state"
+        document.problems.append(document.problem((*path, "source"), reason, warning=True))
+        _map_state(builder, (*path, "clutch1"), section.clutch1)
+        clutch = ClutchActuation(PhaseSource.STATE, 0.0, 0.0)
+        return _phase_settings(section, (clutch, clutch))
     for at, part in sound_parts(model, document.value(path), path, repair=True):
         if isinstance(part, ClutchStateSection):
-            states = {raw: float(CLUTCH_STATES.index(state)) for raw, state in part.values.items()}
-            builder.add_mapped(at, Quantity.CLUTCH_STATE, part, states)
+            _map_state(builder, at, part)
         elif at != path:
             index = 0 if at[-1] == "clutch1" else 1
             given = {entry.input.quantity for entry in builder.entries}
@@ -222,8 +227,17 @@ def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | 
     if section is None:
         return None
     assert isinstance(section, PhaseSection)
+    return _phase_settings(section, _actuations(section))
+
+
+def _map_state(builder: InputBuilder, path: KeyPath, section: ClutchStateSection | FlagSection) -> None:
+    states = {raw: float(CLUTCH_STATES.index(state)) for raw, state in section.values.items()}
+    builder.add_mapped(path, Quantity.CLUTCH_STATE, section, states)
+
+
+def _phase_settings(section: PhaseSection, clutches: tuple[ClutchActuation, ClutchActuation]) -> PhaseSettings:
     return PhaseSettings(
-        clutches=_actuations(section),
+        clutches=clutches,
         slip_locked_rad_s=section.slip_locked_rad_s,
         slip_released_rad_s=section.slip_released_rad_s,
         lock_time_us=microseconds(section.lock_time_ms),

@@ -76,7 +76,7 @@ class GearsFromRatio(RatioSection):
 
 
 class GearsFromGearbox(RatioSection):
-    """One gear for the whole gearbox; that of the other shaft follows from ratio, target or what may be expected."""
+    """One gear for the whole gearbox; that of the other shaft follows from ratio, target or expectation."""
 
     source: Literal["gearbox"]
     """Where the gears come from: signals, gearbox or ratio."""

@@ -48,7 +48,11 @@ INPUTS = np.dtype(
         ("gear", "i8", (2,)),
         ("gear_known", "u1", (2,)),
         ("gear_unsure", "u1", (2,)),  # … though nobody says that it is in: expected of the other shaft than drives
-        ("idle", "u1", (2,)),  # nothing says whether this clutch is open, but the other one drives and has not slipped
+        (
+            "idle",
+            "u1",
+            (2,),
+        ),  # nothing says whether this clutch is open, but the other one drives and has not slipped
         ("ambiguous", "u1"),  # … and a clutch may carry torque on a shaft of which nobody says in which gear
         ("closed", "u1", (2,)),  # the clutch may carry torque
         ("closed_known", "u1", (2,)),

@@ -124,7 +124,9 @@ def judge_speeds(core: Any, inputs: Any, rules: Any) -> None:
     if known and abs(w_d) > rules.min_wheel_speed:
         for i in range(2):
             gear = inputs.gear[i]
-            if gear != 0 and not inputs.gear_unsure[i] and abs(inputs.w_c[i] / (rules.ratio[gear + 1] * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
+            if gear == 0 or inputs.gear_unsure[i]:
+                continue
+            if abs(inputs.w_c[i] / (rules.ratio[gear + 1] * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
                 fits = False
     inputs.fits = fits
     if not fits:

@@ -102,8 +102,8 @@ def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> 
 def take_ratio(core: Any, inputs: Any, rules: Any, a: int, b: int, w_d: float) -> None:
     """Take the gear of shaft b from its speed; a is the one that drives.
 
-    A shaft that leaves its gear moves away from it slowly. So while its clutch is open its speed does not count for
-    more than this, and while it may carry torque the gears are ambiguous once the speed has left the gear.
+    A shaft that leaves its gear moves away from it slowly. So while its clutch is open its speed counts for no more
+    than this, and while it may carry torque the gears are ambiguous once the speed has left the gear.
     """
     d = core.one_gear
     d.gear[a], d.gear_known[a] = inputs.gear[a], True

@@ -90,8 +90,8 @@ def limit(inputs: Any, row: Any) -> bool:
 def judge(core: Any, inputs: Any, monitor: Any, running: bool, status: int, limited: bool) -> int:
     """Return the `Status` bits of an estimate from those that the estimator gave it.
 
-    No torque is valid that is limited, stands on gears that are not known or ambiguous, or on speeds that do not fit
-    them, or while the vehicle file is strongly contradicted.
+    No torque is valid that is limited, stands on gears that are not known or are ambiguous, or on speeds that do
+    not fit them, or while the vehicle file is strongly contradicted.
     """
     if gears_known(inputs):
         status |= _GEARS_KNOWN

@@ -91,7 +91,7 @@ class StudySection(Section):
     duration_s: Annotated[float, Field(ge=3, le=3600)] | None = None
     """Length of the drive, s; default: 16 (paper) or 360 (mixed, at least 180)."""
     profile: Literal["laboratory", "production", "inertial", "one_gear"] = "production"
-    """How the car measures and sends, as in ``dctorque simulate``: laboratory, production, inertial or one_gear."""
+    """How the car measures and sends, as in ``dctorque simulate``: laboratory, production, inertial, one_gear."""
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     """How many cars are drawn."""
     seed: Annotated[int, Field(ge=0)] = 1
