@@ -52,7 +52,7 @@ INPUTS = np.dtype(
             "idle",
             "u1",
             (2,),
-        ),  # nothing says whether this clutch is open, but the other one drives and has not slipped
+        ),  # nothing says that this clutch is open, but the other one drives and does not slip
         ("ambiguous", "u1"),  # … and a clutch may carry torque on a shaft of which nobody says in which gear
         ("closed", "u1", (2,)),  # the clutch may carry torque
         ("closed_known", "u1", (2,)),

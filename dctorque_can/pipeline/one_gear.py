@@ -102,21 +102,22 @@ def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> 
 def take_ratio(core: Any, inputs: Any, rules: Any, a: int, b: int, w_d: float) -> None:
     """Take the gear of shaft b from its speed; a is the one that drives.
 
-    A shaft that leaves its gear moves away from it slowly. So while its clutch is open its speed counts for no more
-    than this, and while it may carry torque the gears are ambiguous once the speed has left the gear.
+    A shaft that leaves its gear moves away from it slowly, and the model would make torque of that. So its speed
+    counts for no more than this, unless its clutch is told to be closed. While it may be, and the other one does
+    not drive alone, the gears are ambiguous once the speed has left the gear.
     """
     d = core.one_gear
     d.gear[a], d.gear_known[a] = inputs.gear[a], True
     follow_ratio(core, inputs, rules, d, b)
-    is_open = bool(inputs.closed_known[b]) and not inputs.closed[b]
     gear = d.gear[b] if d.gear_known[b] else 0
     inputs.gear[b], inputs.gear_known[b] = gear, True
-    inputs.gear_unsure[b] = is_open or not d.gear_known[b]
+    inputs.gear_unsure[b] = not inputs.closed_known[b] or not inputs.closed[b] or not d.gear_known[b]
     if usable(inputs, SPEED_1 + b) and gear != 0:
         apart = abs(abs(inputs.w_c[b]) - abs(rules.ratio[gear + 1] * w_d))
         if apart > ODD_RAD_S + ODD_SHARE * abs(inputs.w_c[b]):
             d.odd_us = inputs.t_us
-    inputs.ambiguous = not is_open and d.odd_us != NEVER and inputs.t_us - d.odd_us < ODD_US
+    may_carry = bool(inputs.closed[b]) and not inputs.idle[b]
+    inputs.ambiguous = may_carry and d.odd_us != NEVER and inputs.t_us - d.odd_us < ODD_US
 
 
 @compiled_without_allocation

@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.parameters import MAX_GEAR
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman.filter import forget, measure, measure_open
 from dctorque_can.estimators.kalman.model import (
@@ -234,6 +235,15 @@ def admit_motion(f: Any, tuning: Any) -> None:
 
 
 @compiled_without_allocation
+def largest_ratio(f: Any, tuning: Any, i: int) -> float:
+    """Return the largest ratio that shaft i may be synchronised to: of its gear, or next to the other shaft's."""
+    other = f.gear[1 - i]
+    lower = abs(tuning.ratio[i, other]) if other > 0 else 0.0
+    higher = abs(tuning.ratio[i, other + 2]) if 0 <= other < MAX_GEAR else 0.0
+    return max(abs(tuning.ratio[i, f.gear[i] + 1]), lower, higher)
+
+
+@compiled_without_allocation
 def admit_synchronisers(f: Any, tuning: Any, inputs: Any, phase_1: int, phase_2: int) -> None:
     """Let what is published be as uncertain as a synchroniser makes it that may begin to pull at any moment.
 
@@ -243,7 +253,9 @@ def admit_synchronisers(f: Any, tuning: Any, inputs: Any, phase_1: int, phase_2:
     for i in range(2):
         if f.gear[i] != 0 and not inputs.gear_unsure[i]:
             continue
-        ratio = max(tuning.synchroniser_ratio[i], abs(tuning.ratio[i, f.gear[i] + 1]))
+        ratio = tuning.synchroniser_ratio[i]
+        if inputs.gear_unsure[i]:
+            ratio = max(ratio, largest_ratio(f, tuning, i))
         at_wheel = tuning.synchroniser_torque * ratio
         f.sigma_o = math.hypot(f.sigma_o, at_wheel)
         gear = f.gear[1 - i]
