@@ -83,6 +83,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     _note_missing_axle(document, builder, vehicle)
     if estimator is not None:
         _check_missing_shafts(document, estimator, isinstance(gear_source, GearInference))
+        _check_phases(document, estimator, phases)
         _note_costly_delays(document, builder, estimator)
     errors = any(problem.severity == "error" for problem in document.problems)
     if errors or vehicle is None or estimator is None or phases is None:
@@ -160,12 +161,6 @@ def _gear_source(
             document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
     if isinstance(section, GearsFromRatio):
         return section.build()
-    if isinstance(section, GearsFromSignals) and section.shaft1.signal == section.shaft2.signal:
-        reason = f"{section.shaft1.signal} is one gear for both shafts, and is taken so; better: source: gearbox"
-        document.problems.append(document.problem((*path, "source"), reason, warning=True))
-        shared = _shared_signal(section)
-        _map_gears(builder, (*path, "shaft1"), Quantity.GEAR, shared)
-        return OneGear(RatioSection().build(), target_told=False, shift_told=False)
     for at, part in sound_parts(model, document.value(path), path, repair=True):
         if isinstance(part, GearSignalSection):
             shaft = {"shaft1": 1, "shaft2": 2}.get(str(at[-1]))
@@ -176,7 +171,10 @@ def _gear_source(
             flags = {raw: float(shifts == "yes") for raw, shifts in part.values.items()}
             builder.add_mapped(at, Quantity.SHIFT_IN_PROGRESS, part, flags)
     if isinstance(section, GearsFromGearbox):
-        return OneGear(section.build(), section.target is not None, section.shift_in_progress is not None)
+        return OneGear(section.build())
+    if isinstance(section, GearsFromSignals) and section.shaft1.signal == section.shaft2.signal:
+        _map_gears(builder, (*path, "shaft1"), Quantity.GEAR, _shared_signal(section))
+        return OneGear(RatioSection().build())
     return None
 
 
@@ -333,6 +331,15 @@ def _check_missing_shafts(document: Document, estimator: EstimatorSection, infer
         else:
             reason = "missing: slip and torque of its clutch are then known from engine and wheels alone"
             document.problems.append(document.problem(path, reason, warning=True))
+
+
+def _check_phases(document: Document, estimator: EstimatorSection, phases: PhaseSettings | None) -> None:
+    """Report that nothing tells of each clutch whether it is open, to the method that cannot do without."""
+    if phases is None or estimator.method != "oh2014":
+        return
+    if phases.clutches[0].source in (PhaseSource.NONE, PhaseSource.STATE):
+        reason = "the method oh2014 must be told of each clutch whether it is open: position, flag or command"
+        document.problems.append(document.problem(("clutch_phase", "source"), f"{reason}; kalman can do without"))
 
 
 def _note_costly_delays(document: Document, builder: InputBuilder, estimator: EstimatorSection) -> None:

@@ -47,13 +47,11 @@ INPUTS = np.dtype(
         ("fresh", "u1", (N_QUANTITIES,)),  # renewed by the frame at hand
         ("gear", "i8", (2,)),
         ("gear_known", "u1", (2,)),
-        ("gear_unsure", "u1", (2,)),  # … though nobody says that it is in: expected of the other shaft than drives
-        (
-            "idle",
-            "u1",
-            (2,),
-        ),  # nothing says that this clutch is open, but the other one drives and does not slip
-        ("ambiguous", "u1"),  # … and a clutch may carry torque on a shaft of which nobody says in which gear
+        # of one gear for the whole gearbox:
+        ("gear_unsure", "u1", (2,)),  # the shaft does not drive, and nobody says that its gear is in
+        ("synchronises", "u1", (2,)),  # … so that a synchroniser may be at work
+        ("idle", "u1", (2,)),  # nothing says that this clutch is open, but the other one drives and does not slip
+        ("ambiguous", "u1"),  # a clutch may carry torque on a shaft of which nobody says in which gear
         ("closed", "u1", (2,)),  # the clutch may carry torque
         ("closed_known", "u1", (2,)),
         ("phase", "u1", (2,)),  # ClutchPhase

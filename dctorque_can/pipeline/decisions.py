@@ -25,7 +25,7 @@ from dctorque_can.pipeline.thresholds import IMPLAUSIBLE_RATIO, IMPLAUSIBLE_TIME
 POSITION_1 = int(Quantity.CLUTCH1_POSITION)
 OPEN_1 = int(Quantity.CLUTCH1_OPEN)
 CLUTCH_STATE = int(Quantity.CLUTCH_STATE)
-_OPEN = int(ClutchPhase.OPEN)
+_OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 
 
 @compiled_without_allocation
@@ -35,6 +35,7 @@ def decide_gears(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) ->
         one_gear.decide_both(core, inputs, rules, answer, w_e)
         return
     for i in range(2):
+        inputs.idle[i] = is_idle(core, inputs, i)
         if inputs.infer_gears:
             follow_ratio(core, inputs, rules, inputs, i)
             continue
@@ -46,6 +47,16 @@ def decide_gears(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) ->
             exists = gear == 0 or (in_table and rules.shaft[gear + 1] == i + 1)
             inputs.gear_known[i] = exists
             inputs.gear[i] = gear if exists else 0
+
+
+@compiled_without_allocation
+def is_idle(core: Any, inputs: Any, i: int) -> bool:
+    """Return whether nothing says that clutch i is open, but it slips while the other one has not for long."""
+    if inputs.phases_told or inputs.closed_known[i] or not inputs.closed[i] or inputs.gear[1 - i] == 0:
+        return False
+    since_us = core.slip_small_us[1 - i]
+    drives = since_us != NEVER and inputs.t_us - since_us >= one_gear.SETTLED_US
+    return bool(drives and core.slip_small_us[i] == NEVER)
 
 
 @compiled_without_allocation
@@ -70,8 +81,6 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
         if known:
             sign, above, below = rules.closing_sign[i], rules.closed_above[i], rules.open_below[i]
             closed = is_closed(source, inputs.value[quantity], sign, above, below, bool(inputs.closed[i]))
-        if source == PhaseSource.STATE:  # closed means one of them, that of the gear that drives
-            known &= not closed or (inputs.gear[i] != 0 and not inputs.gear_unsure[i])
         inputs.closed_known[i] = known
         inputs.closed[i] = closed
         slip = abs(w_e - inputs.w_c[i])
@@ -80,6 +89,8 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
         inputs.phase[i] = decide_phase(
             closed, slip, int(inputs.phase[i]), since_us, inputs.t_us, rules.slip_released, rules.lock_time_us
         )
+        if source == PhaseSource.STATE and closed and inputs.phase[i] != _LOCKED:
+            inputs.closed_known[i] = False  # one of them is closed, or both
 
 
 @compiled_without_allocation

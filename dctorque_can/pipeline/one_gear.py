@@ -59,6 +59,7 @@ def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> 
     """Decide the gears of both shafts."""
     d = core.one_gear
     inputs.ambiguous = inputs.idle[0] = inputs.idle[1] = False
+    inputs.synchronises[0] = inputs.synchronises[1] = False
     known, actual = told_gear(inputs, rules, GEAR)
     if not known:  # the gears stay what they were
         inputs.gear_known[0] = inputs.gear_known[1] = False
@@ -94,6 +95,7 @@ def decide_both(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> 
     elif not sure:
         gear = expected(rules, actual, b, bool(d.up))
     inputs.gear[b], inputs.gear_known[b], inputs.gear_unsure[b] = gear, True, True
+    inputs.synchronises[b] = gear != 0
     may_carry = bool(d.shifting) if not inputs.closed_known[b] else bool(inputs.closed[b])
     inputs.ambiguous = not sure and may_carry and gear != 0
 
@@ -112,10 +114,13 @@ def take_ratio(core: Any, inputs: Any, rules: Any, a: int, b: int, w_d: float) -
     gear = d.gear[b] if d.gear_known[b] else 0
     inputs.gear[b], inputs.gear_known[b] = gear, True
     inputs.gear_unsure[b] = not inputs.closed_known[b] or not inputs.closed[b] or not d.gear_known[b]
+    inputs.synchronises[b] = gear != 0 and bool(inputs.gear_unsure[b])
     if usable(inputs, SPEED_1 + b) and gear != 0:
         apart = abs(abs(inputs.w_c[b]) - abs(rules.ratio[gear + 1] * w_d))
         if apart > ODD_RAD_S + ODD_SHARE * abs(inputs.w_c[b]):
             d.odd_us = inputs.t_us
+        elif inputs.idle[b]:  # it turns as the gear makes it
+            inputs.synchronises[b] = False
     may_carry = bool(inputs.closed[b]) and not inputs.idle[b]
     inputs.ambiguous = may_carry and d.odd_us != NEVER and inputs.t_us - d.odd_us < ODD_US
 

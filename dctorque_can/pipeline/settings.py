@@ -27,8 +27,6 @@ class OneGear:
     """One gear signal for the whole gearbox; the gear of the other shaft follows by `pipeline.one_gear`."""
 
     by_ratio: GearInference  # of a shaft whose speed is known
-    target_told: bool
-    shift_told: bool
 
 
 @dataclass(frozen=True, slots=True)

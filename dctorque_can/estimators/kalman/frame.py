@@ -113,9 +113,9 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     take_torque(inputs, f, tuning, (f.t_us - before_us) * 1e-6)
     if inputs.one_gear:
         one_gear.change_gears(f, tuning, inputs)
-        one_gear.expect_open(f, (f.t_us - before_us) * 1e-6)
     else:
         gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
+    one_gear.expect_open(f, (f.t_us - before_us) * 1e-6)
     gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
     if inputs.direction == 0 and not (stands and braking(inputs)):
         gearbox.let_roll(f, tuning, (f.t_us - before_us) * 1e-6)

@@ -36,6 +36,7 @@ _REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
 _SOONEST = 0.005  # s, in which a speed that is not believed may have come about
 _AGAINST = 5.0  # rad/s, from which a shaft turns against the engine
 _ROLLING = 4.0  # rad/s/√s at the wheel by which a car may be faster or slower than its speeds let one think
+_SOON, _SOON_US = 2.0, 600_000  # by which a synchroniser is surer to pull, for so long after a gear is expected
 _TURNED = 0.1  # (rad/s)², variance at the wheel of speeds that have been turned round
 
 
@@ -240,7 +241,7 @@ def largest_ratio(f: Any, tuning: Any, i: int) -> float:
     other = f.gear[1 - i]
     lower = abs(tuning.ratio[i, other]) if other > 0 else 0.0
     higher = abs(tuning.ratio[i, other + 2]) if 0 <= other < MAX_GEAR else 0.0
-    return max(abs(tuning.ratio[i, f.gear[i] + 1]), lower, higher)
+    return float(max(abs(tuning.ratio[i, f.gear[i] + 1]), lower, higher))
 
 
 @compiled_without_allocation
@@ -251,11 +252,13 @@ def admit_synchronisers(f: Any, tuning: Any, inputs: Any, phase_1: int, phase_2:
     signal says when. The speeds show it 10 to 20 ms later; until then the estimate is off by that torque.
     """
     for i in range(2):
-        if f.gear[i] != 0 and not inputs.gear_unsure[i]:
+        if f.gear[i] != 0 and not inputs.synchronises[i]:
             continue
         ratio = tuning.synchroniser_ratio[i]
-        if inputs.gear_unsure[i]:
+        if inputs.synchronises[i]:
             ratio = max(ratio, largest_ratio(f, tuning, i))
+            soon = f.t_us - f.expected_us[i] < _SOON_US or (phase_2 if i == 0 else phase_1) == _SLIPPING
+            ratio *= _SOON if soon else 1.0
         at_wheel = tuning.synchroniser_torque * ratio
         f.sigma_o = math.hypot(f.sigma_o, at_wheel)
         gear = f.gear[1 - i]

@@ -34,6 +34,7 @@ def change_gears(f: Any, tuning: Any, inputs: Any) -> None:
         else:
             f.gear[i] = inputs.gear[i]
             share_torque(f, tuning, i, bool(inputs.closed[i]))
+        f.expected_us[i] = f.t_us
         turn_with_car(f, float(tuning.ratio[i, f.gear[i] + 1]), i)
 
 
