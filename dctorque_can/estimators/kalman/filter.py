@@ -109,7 +109,7 @@ FILTER = np.dtype(
             "expected_us",
             "i8",
             (2,),
-        ),  # when a shaft was last taken to be in another gear, that it may still go into
+        ),  # when another gear was last told as the target of a shaft, that it may still go into
         ("heading", "i8"),  # ±1, the direction of the car that the speeds were measured in
         ("started", "u1"),  # once
         ("running", "u1"),

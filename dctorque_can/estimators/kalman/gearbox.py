@@ -36,7 +36,7 @@ _REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
 _SOONEST = 0.005  # s, in which a speed that is not believed may have come about
 _AGAINST = 5.0  # rad/s, from which a shaft turns against the engine
 _ROLLING = 4.0  # rad/s/√s at the wheel by which a car may be faster or slower than its speeds let one think
-_SOON, _SOON_US = 2.0, 600_000  # by which a synchroniser is surer to pull, for so long after a gear is expected
+_SOON, _SOON_US = 2.0, 600_000  # by which a synchroniser is surer to pull, for so long after a gear is told
 _TURNED = 0.1  # (rad/s)², variance at the wheel of speeds that have been turned round
 
 

@@ -13,7 +13,9 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.kalman import gearbox
 from dctorque_can.estimators.kalman.filter import forget, measure
 from dctorque_can.estimators.kalman.model import R_1, T_C1, TH_T1, W_C1, W_O, N
+from dctorque_can.pipeline.samples import Quantity
 
+_TARGET_GEAR = int(Quantity.TARGET_GEAR)
 _SHARE, _LITTLE = 0.25, 5.0  # of what both clutches carry, and N·m, that one may which need not
 _EXPECTED_S = 0.1  # for how long that lasts
 _AT_LEAST = 30.0  # N·m of either clutch that nobody knows of
@@ -34,7 +36,8 @@ def change_gears(f: Any, tuning: Any, inputs: Any) -> None:
         else:
             f.gear[i] = inputs.gear[i]
             share_torque(f, tuning, i, bool(inputs.closed[i]))
-        f.expected_us[i] = f.t_us
+        if inputs.mapped[_TARGET_GEAR]:
+            f.expected_us[i] = f.t_us
         turn_with_car(f, float(tuning.ratio[i, f.gear[i] + 1]), i)
 
 
