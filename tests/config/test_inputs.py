@@ -14,6 +14,7 @@ from dctorque_can.driveline.phases import ClutchActuation, PhaseSource
 from dctorque_can.estimators.oh2014.design import RoadLoad, SubObserver
 from dctorque_can.pipeline.samples import Input, Protection, Quantity
 from dctorque_can.pipeline.settings import GearInference, OneGear
+from dctorque_can.resources import shipped_dbc
 
 Load = Callable[..., Config]
 
@@ -293,6 +294,7 @@ def test_entries_tell_people_what_the_file_says(load: Load) -> None:
     assert entries["gears.shaft2"].units == ("",)
 
 
+DATABASE = {"databases.0.file": str(shipped_dbc("demo_car_one_gear"))}
 GEAR_VALUES = {"neutral": "neutral", 1: 1, 2: 2, 3: 3, 4: 4, 5: 5}
 GEARBOX = {
     "source": "gearbox",
@@ -304,7 +306,7 @@ GEARBOX = {
 
 
 def test_one_gear_of_the_whole_gearbox(load: Load) -> None:
-    config = load({"gears": GEARBOX})
+    config = load(DATABASE | {"gears": GEARBOX})
     assert config.settings.one_gear == OneGear(GearInference(0.03, 0.06, 80_000, 3.0))
     assert config.settings.gear_inference is None
     assert one(config, Quantity.GEAR).terms[0].values == {n: float(n) for n in range(6)}
@@ -317,14 +319,15 @@ def test_one_gear_of_the_whole_gearbox(load: Load) -> None:
 def test_a_gear_of_the_gearbox_that_the_vehicle_lacks(load: Load) -> None:
     gears = GEARBOX | {"actual": {"signal": "Transmission.ActualGear", "values": GEAR_VALUES | {7: 7}}}
     with pytest.raises(ConfigError, match=r"gears.actual.values.7 = 7: the vehicle has no gear 7"):
-        load({"gears": gears})
+        load(DATABASE | {"gears": gears})
 
 
 def test_one_signal_for_both_shafts_is_one_gear(load: Load) -> None:
     signal = "Transmission.ActualGear"
     flag = {"signal": signal, "values": {0: "open", 1: "closed", 2: "closed"}}
     config = load(
-        {
+        DATABASE
+        | {
             "gears.shaft1": {"signal": signal, "values": {0: 0, 1: 1, 2: "neutral", 3: 3, 4: 0, 5: 5}},
             "gears.shaft2": {"signal": signal, "values": {0: 0, 1: 0, 2: 2, 3: 0, 4: 4, 5: 0}, "timeout_ms": 50},
             "clutch_phase": {"source": "flag", "clutch1": flag, "clutch2": flag},
@@ -340,7 +343,7 @@ def test_one_signal_for_both_shafts_is_one_gear(load: Load) -> None:
 
 def test_one_state_of_both_clutches_or_none(load: Load) -> None:
     both = {"signal": "Transmission.ClutchState", "values": {"open": "open", 1: "slipping", 2: "closed"}}
-    config = load({"clutch_phase": {"source": "state", "both": both}})
+    config = load(DATABASE | {"clutch_phase": {"source": "state", "both": both}})
     assert {clutch.source for clutch in config.settings.phases.clutches} == {PhaseSource.STATE}
     assert one(config, Quantity.CLUTCH_STATE).terms[0].values == {0: 0.0, 1: 1.0, 2: 2.0}
     config = load({"clutch_phase": {"source": "none", "lock_time_ms": 80}})

@@ -15,7 +15,7 @@ from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Input, Quantity
 from dctorque_can.pipeline.settings import GearInference, OneGear
-from dctorque_can.resources import shipped_config
+from dctorque_can.resources import shipped_config, shipped_dbc
 from dctorque_can.simulation.drive import PAPER, simulate
 from dctorque_can.simulation.manoeuvres import MANOEUVRES
 from dctorque_can.simulation.sensors import ONE_GEAR, emit_frames
@@ -146,6 +146,7 @@ def config_of(car, told=True, speeds=True, phases="position"):
     values = VALUES % more
     parts = [ACTUAL % values, *([TARGET % values, SHIFT] if told else [])]
     changes = {"gears": f"{{source: gearbox, {', '.join(parts)}}}", "protection": "null"}
+    changes["databases.0.file"] = str(shipped_dbc("demo_car_one_gear"))
     if not speeds:
         changes |= {"inputs.shaft1_speed": "null", "inputs.shaft2_speed": "null"}
     if phases != "position":

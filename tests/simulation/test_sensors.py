@@ -303,9 +303,10 @@ def test_the_signed_bus_sends_the_same_forwards(
 
 
 def test_one_gear_changes_no_other_message_and_follows_the_shift(
-    paper_truth: NDArray[np.void], paper_vehicle: Vehicle, database: Database
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle
 ) -> None:
     """At the end of the shift from 1 to 2 clutch 1 is open, in its middle clutch 2 has more capacity than it."""
+    database = load_database([DatabaseFile(DBC.with_name("demo_car_one_gear.dbc"))])
     frames = emit_frames(paper_truth, paper_vehicle, replace(ONE_GEAR, seed=4), database)
     others = frames[frames.can_id != 0x124]
     without = emit_frames(paper_truth, paper_vehicle, replace(PRODUCTION, seed=4), database)

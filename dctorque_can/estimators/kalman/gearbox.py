@@ -9,7 +9,6 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.driveline.parameters import MAX_GEAR
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman.filter import forget, measure, measure_open
 from dctorque_can.estimators.kalman.model import (
@@ -36,7 +35,6 @@ _REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
 _SOONEST = 0.005  # s, in which a speed that is not believed may have come about
 _AGAINST = 5.0  # rad/s, from which a shaft turns against the engine
 _ROLLING = 4.0  # rad/s/√s at the wheel by which a car may be faster or slower than its speeds let one think
-_SOON, _SOON_US = 2.0, 600_000  # by which a synchroniser is surer to pull, for so long after a gear is told
 _TURNED = 0.1  # (rad/s)², variance at the wheel of speeds that have been turned round
 
 
@@ -236,41 +234,20 @@ def admit_motion(f: Any, tuning: Any) -> None:
 
 
 @compiled_without_allocation
-def largest_ratio(f: Any, tuning: Any, i: int) -> float:
-    """Return the largest ratio that shaft i may be synchronised to: of its gear, or next to the other shaft's."""
-    other = f.gear[1 - i]
-    lower = abs(tuning.ratio[i, other]) if other > 0 else 0.0
-    higher = abs(tuning.ratio[i, other + 2]) if 0 <= other < MAX_GEAR else 0.0
-    return float(max(abs(tuning.ratio[i, f.gear[i] + 1]), lower, higher))
-
-
-@compiled_without_allocation
-def admit_synchronisers(f: Any, tuning: Any, inputs: Any, phase_1: int, phase_2: int) -> None:
+def admit_synchronisers(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
     """Let what is published be as uncertain as a synchroniser makes it that may begin to pull at any moment.
 
     It pulls within milliseconds, a locked clutch on the other shaft and the output shaft carry it at once, and no
     signal says when. The speeds show it 10 to 20 ms later; until then the estimate is off by that torque.
     """
     for i in range(2):
-        if f.gear[i] != 0 and not inputs.synchronises[i]:
+        if f.gear[i] != 0:
             continue
-        ratio = tuning.synchroniser_ratio[i]
-        if inputs.synchronises[i]:
-            ratio = max(ratio, largest_ratio(f, tuning, i))
-            soon = f.t_us - f.expected_us[i] < _SOON_US or (phase_2 if i == 0 else phase_1) == _SLIPPING
-            ratio *= _SOON if soon else 1.0
-        at_wheel = tuning.synchroniser_torque * ratio
+        at_wheel = tuning.synchroniser_torque * tuning.synchroniser_ratio[i]
         f.sigma_o = math.hypot(f.sigma_o, at_wheel)
         gear = f.gear[1 - i]
-        phase = phase_2 if i == 0 else phase_1
-        if gear != 0 and (phase == _LOCKED or (inputs.one_gear and phase == _SLIPPING)):
-            ratio = abs(tuning.ratio[1 - i, gear + 1])
-            if f.gear[i] != 0 and (phase_1 if i == 0 else phase_2) != _OPEN:  # taken for a shift of the load
-                ratio = abs(ratio - abs(tuning.ratio[i, f.gear[i] + 1]))
-                f.sigma_1 = math.hypot(f.sigma_1, at_wheel / ratio)
-                f.sigma_2 = math.hypot(f.sigma_2, at_wheel / ratio)
-                continue
-            jump = at_wheel / ratio
+        if gear != 0 and (phase_2 if i == 0 else phase_1) == _LOCKED:
+            jump = at_wheel / abs(tuning.ratio[1 - i, gear + 1])
             if i == 0:
                 f.sigma_2 = math.hypot(f.sigma_2, jump)
             else:

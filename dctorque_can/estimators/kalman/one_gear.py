@@ -10,15 +10,19 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.parameters import MAX_GEAR
+from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman import gearbox
 from dctorque_can.estimators.kalman.filter import forget, measure
 from dctorque_can.estimators.kalman.model import R_1, T_C1, TH_T1, W_C1, W_O, N
 from dctorque_can.pipeline.samples import Quantity
 
+_OPEN, _SLIPPING = int(ClutchPhase.OPEN), int(ClutchPhase.SLIPPING)
 _TARGET_GEAR = int(Quantity.TARGET_GEAR)
 _SHARE, _LITTLE = 0.25, 5.0  # of what both clutches carry, and N·m, that one may which need not
 _EXPECTED_S = 0.1  # for how long that lasts
 _AT_LEAST = 30.0  # N·m of either clutch that nobody knows of
+_SOON, _SOON_US = 2.0, 600_000  # by which a synchroniser is surer to pull, for so long after a gear is told
 _LEAST_TWIST = 1e-3  # rad
 _LEAST_SPEED = 1.0  # (rad/s)², of a shaft in gear against its wheels
 
@@ -81,3 +85,45 @@ def turn_with_car(f: Any, ratio: float, i: int) -> None:
         if k != shaft:
             f.P[shaft, k] = f.P[k, shaft] = ratio * f.P[W_O, k]
     f.P[shaft, shaft] = ratio * ratio * f.P[W_O, W_O] + _LEAST_SPEED
+
+
+@compiled_without_allocation
+def largest_ratio(f: Any, tuning: Any, i: int) -> float:
+    """Return the largest ratio that shaft i may be synchronised to: of its gear, or next to the other shaft's."""
+    other = f.gear[1 - i]
+    lower = abs(tuning.ratio[i, other]) if other > 0 else 0.0
+    higher = abs(tuning.ratio[i, other + 2]) if 0 <= other < MAX_GEAR else 0.0
+    return float(max(abs(tuning.ratio[i, f.gear[i] + 1]), lower, higher))
+
+
+@compiled_without_allocation
+def admit_synchronisers(f: Any, tuning: Any, inputs: Any, phase_1: int, phase_2: int) -> None:
+    """Let what is published be as uncertain as a synchroniser makes it that may begin to pull at any moment.
+
+    It pulls within milliseconds, a locked clutch on the other shaft and the output shaft carry it at once, and no
+    signal says when. The speeds show it 10 to 20 ms later; until then the estimate is off by that torque.
+    """
+    for i in range(2):
+        if f.gear[i] != 0 and not inputs.synchronises[i]:
+            continue
+        ratio = tuning.synchroniser_ratio[i]
+        if inputs.synchronises[i]:
+            ratio = max(ratio, largest_ratio(f, tuning, i))
+            soon = f.t_us - f.expected_us[i] < _SOON_US or (phase_2 if i == 0 else phase_1) == _SLIPPING
+            ratio *= _SOON if soon else 1.0
+        at_wheel = tuning.synchroniser_torque * ratio
+        f.sigma_o = math.hypot(f.sigma_o, at_wheel)
+        gear = f.gear[1 - i]
+        phase = phase_2 if i == 0 else phase_1
+        if gear != 0 and phase != _OPEN:
+            ratio = abs(tuning.ratio[1 - i, gear + 1])
+            if f.gear[i] != 0 and (phase_1 if i == 0 else phase_2) != _OPEN:  # taken for a shift of the load
+                ratio = abs(ratio - abs(tuning.ratio[i, f.gear[i] + 1]))
+                f.sigma_1 = math.hypot(f.sigma_1, at_wheel / ratio)
+                f.sigma_2 = math.hypot(f.sigma_2, at_wheel / ratio)
+                continue
+            jump = at_wheel / ratio
+            if i == 0:
+                f.sigma_2 = math.hypot(f.sigma_2, jump)
+            else:
+                f.sigma_1 = math.hypot(f.sigma_1, jump)
