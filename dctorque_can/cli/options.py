@@ -68,11 +68,12 @@ UnsignedChoice = Annotated[
     ),
 ]
 ProfileChoice = Annotated[
-    Literal["laboratory", "production", "inertial"],
+    Literal["laboratory", "production", "inertial", "one_gear"],
     typer.Option(
         "--profile",
         help="laboratory: every signal at 1 kHz with noise. production: 10/20 ms, quantised, delayed, jittering. "
-        "inertial: production with acceleration and grade.",
+        "inertial: production with acceleration and grade. one_gear: production with "
+        "one gear for the whole gearbox.",
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the noise, and of a mixed drive.")]

@@ -48,7 +48,7 @@ def study(
         typer.Option("--drive", help="Instead of the one in the file, and of its length.", show_default=False),
     ] = None,
     profile: Annotated[
-        Literal["laboratory", "production", "inertial"] | None,
+        Literal["laboratory", "production", "inertial", "one_gear"] | None,
         typer.Option("--profile", help="Instead of the one in the file.", show_default=False),
     ] = None,
     duration: Annotated[

@@ -13,10 +13,16 @@ from dctorque_can.config.estimation import (
     GEAR_SOURCES,
     PHASE_SOURCES,
     EstimatorSection,
+    GearsFromGearbox,
     GearsFromRatio,
+    GearsFromSignals,
     PhaseFromCommand,
     PhaseFromFlag,
+    PhaseFromNothing,
     PhaseFromPosition,
+    PhaseFromState,
+    PhaseSection,
+    RatioSection,
     microseconds,
 )
 from dctorque_can.config.inputs import QUANTITY_AT, InputBuilder, InputEntry, InputsSection
@@ -24,20 +30,24 @@ from dctorque_can.config.plausibility import gear_doubts, gear_map_doubts, infer
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import S, absent, nearest, sound_parts, validate
 from dctorque_can.config.signals import (
+    ClutchStateSection,
     CommandSection,
     FlagSection,
     GearSignalSection,
     InputSection,
     PositionSection,
     ProtectionSection,
+    ShiftFlagSection,
 )
 from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear, gear_number
 from dctorque_can.driveline.parameters import DrivenAxle, Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
 from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity, Signs
-from dctorque_can.pipeline.settings import GearInference, Settings
+from dctorque_can.pipeline.settings import GearInference, OneGear, Settings
 
+CLUTCH_STATES = ("open", "slipping", "closed")
+"""Of both clutches together, by the value of `Quantity.CLUTCH_STATE`."""
 MOST_TAKEN_AGAIN_PER_S = 20_000  # frames; at 5 µs each (docs/kalman_accuracy.md) a tenth of a processor
 
 
@@ -66,14 +76,15 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     )
     builder = InputBuilder(document, database, sound_radius)
     _inputs(document, builder)
-    inference = _gear_source(document, builder, gears, complete)
-    phases = _clutch_phase(document, builder)
+    gear_source = _gear_source(document, builder, gears, complete)
+    phases = _clutch_phase(document, builder, isinstance(gear_source, OneGear))
     estimator = validate(document, ("estimator",), EstimatorSection)
     protections = _protections(document, builder)
     _note_missing_axle(document, builder, vehicle)
     _note_untold_signs(document, builder)
     if estimator is not None:
-        _check_missing_shafts(document, estimator, inference is not None)
+        _check_missing_shafts(document, estimator, isinstance(gear_source, GearInference))
+        _check_phases(document, estimator, phases)
         _note_costly_delays(document, builder, estimator)
     errors = any(problem.severity == "error" for problem in document.problems)
     if errors or vehicle is None or estimator is None or phases is None:
@@ -82,7 +93,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         vehicle=vehicle.build(),
         inputs=tuple(entry.input for entry in builder.entries),
         phases=phases,
-        gear_inference=inference,
+        gear_inference=gear_source if isinstance(gear_source, GearInference) else None,
+        one_gear=gear_source if isinstance(gear_source, OneGear) else None,
         method=Method[estimator.method.upper()],
         observer=estimator.oh2014.build(),
         kalman=estimator.kalman.build(_speed_resolutions(builder.entries)),
@@ -139,35 +151,71 @@ def _inputs(document: Document, builder: InputBuilder) -> None:
 
 def _gear_source(
     document: Document, builder: InputBuilder, gears: dict[int, Gear], complete: bool
-) -> GearInference | None:
+) -> GearInference | OneGear | None:
     path: KeyPath = ("gears",)
     model = _model_of_source(document, path, GEAR_SOURCES)
     if model is None:
         return None
     section = validate(document, path, model)
-    if isinstance(section, GearsFromRatio):
+    if isinstance(section, GearsFromRatio | GearsFromGearbox):
         for doubt in inference_doubts(section, gears):
             document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
+    if isinstance(section, GearsFromRatio):
         return section.build()
     for at, part in sound_parts(model, document.value(path), path, repair=True):
         if isinstance(part, GearSignalSection):
-            shaft = 1 if at[-1] == "shaft1" else 2
-            quantity = Quantity.GEAR1 if shaft == 1 else Quantity.GEAR2
-            values = {raw: float(gear) for raw, gear in part.values.items()}
-            builder.add_mapped(at, quantity, part, values)
+            shaft = {"shaft1": 1, "shaft2": 2}.get(str(at[-1]))
+            _map_gears(builder, at, _GEAR_QUANTITIES[str(at[-1])], part)
             for doubt in gear_map_doubts(at, shaft, part, gears, complete):
                 document.problems.append(document.problem(doubt.path, doubt.reason, warning=doubt.warning))
+        elif isinstance(part, ShiftFlagSection):
+            flags = {raw: float(shifts == "yes") for raw, shifts in part.values.items()}
+            builder.add_mapped(at, Quantity.SHIFT_IN_PROGRESS, part, flags)
+    if isinstance(section, GearsFromGearbox):
+        return OneGear(section.build())
+    if isinstance(section, GearsFromSignals) and section.shaft1.signal == section.shaft2.signal:
+        _map_gears(builder, (*path, "shaft1"), Quantity.GEAR, _shared_signal(section))
+        return OneGear(RatioSection().build())
     return None
 
 
-def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | None:
+_GEAR_QUANTITIES = {
+    "shaft1": Quantity.GEAR1,
+    "shaft2": Quantity.GEAR2,
+    "actual": Quantity.GEAR,
+    "target": Quantity.TARGET_GEAR,
+}
+
+
+def _map_gears(builder: InputBuilder, path: KeyPath, quantity: Quantity, section: GearSignalSection) -> None:
+    builder.add_mapped(path, quantity, section, {raw: float(gear) for raw, gear in section.values.items()})
+
+
+def _shared_signal(section: GearsFromSignals) -> GearSignalSection:
+    """Return the gear that one signal of both shafts means: of the two maps the one that is not neutral."""
+    one, two = section.shaft1, section.shaft2
+    both = [*one.values.items(), *two.values.items()]
+    values = dict(sorted(both, key=lambda item: item[1] != 0))  # what comes later counts
+    timeout_ms, delay_ms = min(one.timeout_ms, two.timeout_ms), min(one.delay_ms, two.delay_ms)
+    return one.model_copy(update={"values": values, "timeout_ms": timeout_ms, "delay_ms": delay_ms})
+
+
+def _clutch_phase(document: Document, builder: InputBuilder, one_gear: bool) -> PhaseSettings | None:
     path: KeyPath = ("clutch_phase",)
     model = _model_of_source(document, path, PHASE_SOURCES)
     if model is None:
         return None
     section = validate(document, path, model)
+    if one_gear and isinstance(section, PhaseFromFlag) and section.clutch1 == section.clutch2:
+        reason = f"{section.clutch1.signal} is one state of both clutches, and is taken so; better: source: state"
+        document.problems.append(document.problem((*path, "source"), reason, warning=True))
+        _map_state(builder, (*path, "clutch1"), section.clutch1)
+        clutch = ClutchActuation(PhaseSource.STATE, 0.0, 0.0)
+        return _phase_settings(section, (clutch, clutch))
     for at, part in sound_parts(model, document.value(path), path, repair=True):
-        if at != path:
+        if isinstance(part, ClutchStateSection):
+            _map_state(builder, at, part)
+        elif at != path:
             index = 0 if at[-1] == "clutch1" else 1
             given = {entry.input.quantity for entry in builder.entries}
             if isinstance(part, CommandSection) and Quantity.CLUTCH1_COMMAND + index in given:
@@ -175,10 +223,20 @@ def _clutch_phase(document: Document, builder: InputBuilder) -> PhaseSettings | 
                 document.problems.append(document.problem(at, reason))
             else:
                 _clutch_input(builder, at, index, part)
-    if not isinstance(section, PhaseFromPosition | PhaseFromFlag | PhaseFromCommand):
+    if section is None:
         return None
+    assert isinstance(section, PhaseSection)
+    return _phase_settings(section, _actuations(section))
+
+
+def _map_state(builder: InputBuilder, path: KeyPath, section: ClutchStateSection | FlagSection) -> None:
+    states = {raw: float(CLUTCH_STATES.index(state)) for raw, state in section.values.items()}
+    builder.add_mapped(path, Quantity.CLUTCH_STATE, section, states)
+
+
+def _phase_settings(section: PhaseSection, clutches: tuple[ClutchActuation, ClutchActuation]) -> PhaseSettings:
     return PhaseSettings(
-        clutches=(_actuation(section.clutch1), _actuation(section.clutch2)),
+        clutches=clutches,
         slip_locked_rad_s=section.slip_locked_rad_s,
         slip_released_rad_s=section.slip_released_rad_s,
         lock_time_us=microseconds(section.lock_time_ms),
@@ -195,6 +253,18 @@ def _clutch_input(builder: InputBuilder, path: KeyPath, index: int, section: obj
     elif isinstance(section, FlagSection):
         values = {raw: float(state == "open") for raw, state in section.values.items()}
         builder.add_mapped(path, Quantity(Quantity.CLUTCH1_OPEN + index), section, values)
+
+
+def _actuations(section: PhaseSection) -> tuple[ClutchActuation, ClutchActuation]:
+    match section:
+        case PhaseFromPosition() | PhaseFromFlag() | PhaseFromCommand():
+            return _actuation(section.clutch1), _actuation(section.clutch2)
+        case PhaseFromState():
+            source = PhaseSource.STATE
+        case _:
+            assert isinstance(section, PhaseFromNothing)
+            source = PhaseSource.NONE
+    return ClutchActuation(source, 0.0, 0.0), ClutchActuation(source, 0.0, 0.0)
 
 
 def _actuation(section: PositionSection | FlagSection | CommandSection) -> ClutchActuation:
@@ -262,6 +332,15 @@ def _check_missing_shafts(document: Document, estimator: EstimatorSection, infer
         else:
             reason = "missing: slip and torque of its clutch are then known from engine and wheels alone"
             document.problems.append(document.problem(path, reason, warning=True))
+
+
+def _check_phases(document: Document, estimator: EstimatorSection, phases: PhaseSettings | None) -> None:
+    """Report that nothing tells of each clutch whether it is open, to the method that cannot do without."""
+    if phases is None or estimator.method != "oh2014":
+        return
+    if phases.clutches[0].source in (PhaseSource.NONE, PhaseSource.STATE):
+        reason = "the method oh2014 must be told of each clutch whether it is open: position, flag or command"
+        document.problems.append(document.problem(("clutch_phase", "source"), f"{reason}; kalman can do without"))
 
 
 def _note_costly_delays(document: Document, builder: InputBuilder, estimator: EstimatorSection) -> None:

@@ -12,7 +12,14 @@ from pydantic import Field
 
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
-from dctorque_can.config.signals import CommandSection, FlagSection, GearSignalSection, PositionSection
+from dctorque_can.config.signals import (
+    ClutchStateSection,
+    CommandSection,
+    FlagSection,
+    GearSignalSection,
+    PositionSection,
+    ShiftFlagSection,
+)
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.oh2014.design import Oh2014Design, RoadLoad, SubObserver
 from dctorque_can.pipeline.settings import GearInference
@@ -28,18 +35,16 @@ class GearsFromSignals(Section):
     """The gear of each shaft comes from a signal."""
 
     source: Literal["signals"]
-    """Where the gears come from: signals or ratio."""
+    """Where the gears come from: signals, gearbox or ratio."""
     shaft1: GearSignalSection
     """Gear engaged on input shaft 1."""
     shaft2: GearSignalSection
     """Gear engaged on input shaft 2."""
 
 
-class GearsFromRatio(Section):
-    """The gear of each shaft is inferred from the ratio of its speed to the driven wheels' speed."""
+class RatioSection(Section):
+    """When the ratio of a shaft's speed to the driven wheels' speed says that a gear is engaged."""
 
-    source: Literal["ratio"]
-    """Where the gears come from: signals or ratio."""
     engage_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.03
     """Relative error of the ratio below which a gear counts as engaged."""
     release_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.06
@@ -63,8 +68,28 @@ class GearsFromRatio(Section):
         )
 
 
+class GearsFromRatio(RatioSection):
+    """The gear of each shaft is inferred from the ratio of its speed to the driven wheels' speed."""
+
+    source: Literal["ratio"]
+    """Where the gears come from: signals, gearbox or ratio."""
+
+
+class GearsFromGearbox(RatioSection):
+    """One gear for the whole gearbox; that of the other shaft follows from ratio, target or expectation."""
+
+    source: Literal["gearbox"]
+    """Where the gears come from: signals, gearbox or ratio."""
+    actual: GearSignalSection
+    """The gear that drives."""
+    target: GearSignalSection | None = None
+    """The gear that is preselected or shifted to."""
+    shift_in_progress: ShiftFlagSection | None = None
+    """Flag of a shift in progress."""
+
+
 class PhaseSection(Section):
-    """What the three kinds of clutch phase have in common."""
+    """What the kinds of clutch phase have in common."""
 
     slip_locked_rad_s: Annotated[float, Field(gt=0)] = 3.0
     """A closed clutch with less slip counts as locked, rad/s."""
@@ -82,7 +107,7 @@ class PhaseFromPosition(PhaseSection):
     """A clutch is open while its actuator is before the kissing point."""
 
     source: Literal["position"]
-    """What tells whether a clutch is open: position, flag or command."""
+    """What tells whether a clutch is open: position, flag, command, state or none."""
     clutch1: PositionSection
     """Actuator position of clutch 1."""
     clutch2: PositionSection
@@ -93,7 +118,7 @@ class PhaseFromFlag(PhaseSection):
     """A clutch is open while its flag says so."""
 
     source: Literal["flag"]
-    """What tells whether a clutch is open: position, flag or command."""
+    """What tells whether a clutch is open: position, flag, command, state or none."""
     clutch1: FlagSection
     """Flag of clutch 1."""
     clutch2: FlagSection
@@ -104,21 +129,41 @@ class PhaseFromCommand(PhaseSection):
     """A clutch is open while hardly any torque is commanded."""
 
     source: Literal["command"]
-    """What tells whether a clutch is open: position, flag or command."""
+    """What tells whether a clutch is open: position, flag, command, state or none."""
     clutch1: CommandSection
     """Commanded torque of clutch 1."""
     clutch2: CommandSection
     """Commanded torque of clutch 2."""
 
 
-GEAR_SOURCES: dict[str, type[GearsFromSignals] | type[GearsFromRatio]] = {
+class PhaseFromState(PhaseSection):
+    """Both clutches are open while one state for the whole gearbox says so; else each may carry torque."""
+
+    source: Literal["state"]
+    """What tells whether a clutch is open: position, flag, command, state or none."""
+    both: ClutchStateSection
+    """State of the clutches together."""
+
+
+class PhaseFromNothing(PhaseSection):
+    """Nothing says whether a clutch is open: each may carry torque, and the speeds alone say how much."""
+
+    source: Literal["none"]
+    """What tells whether a clutch is open: position, flag, command, state or none."""
+
+
+GEAR_SOURCES: dict[str, type[GearsFromSignals] | type[GearsFromGearbox] | type[GearsFromRatio]] = {
     "signals": GearsFromSignals,
+    "gearbox": GearsFromGearbox,
     "ratio": GearsFromRatio,
 }
-PHASE_SOURCES: dict[str, type[PhaseFromPosition] | type[PhaseFromFlag] | type[PhaseFromCommand]] = {
+AnyPhase = PhaseFromPosition | PhaseFromFlag | PhaseFromCommand | PhaseFromState | PhaseFromNothing
+PHASE_SOURCES: dict[str, type[AnyPhase]] = {
     "position": PhaseFromPosition,
     "flag": PhaseFromFlag,
     "command": PhaseFromCommand,
+    "state": PhaseFromState,
+    "none": PhaseFromNothing,
 }
 
 

@@ -13,10 +13,12 @@ from dctorque_can.config.document import Document
 from dctorque_can.config.problems import KeyPath, dotted
 from dctorque_can.config.section import Section, nearest
 from dctorque_can.config.signals import (
+    ClutchStateSection,
     FlagSection,
     GearSignalSection,
     InputSection,
     ProtectionSection,
+    ShiftFlagSection,
     SpeedSection,
     TermSection,
 )
@@ -162,10 +164,10 @@ class InputBuilder:
         self,
         path: KeyPath,
         quantity: Quantity,
-        section: GearSignalSection | FlagSection,
+        section: GearSignalSection | FlagSection | ShiftFlagSection | ClutchStateSection,
         values: Mapping[int | str, float],
     ) -> None:
-        """Add one signal whose raw values mean something else (a gear, a flag)."""
+        """Add one signal whose raw values mean something else (a gear, a flag, a state)."""
         name = section.signal
         message, signal = name.split(".")
         known = {

@@ -29,6 +29,10 @@ LOST = {
     "wheel_speed_rr": AXLE,
     "gear1": NO_ESTIMATE,
     "gear2": NO_ESTIMATE,
+    "gear": NO_ESTIMATE,
+    "target_gear": "knowledge of the gear that is shifted to",
+    "shift_in_progress": "knowledge of shifts before the speeds show them",
+    "clutch_state": PHASE,
     "clutch1_position": PHASE,
     "clutch2_position": PHASE,
     "clutch1_open": PHASE,
@@ -73,9 +77,12 @@ def input_rows(config: Config) -> list[dict[str, Any]]:
     """Return one row per input that is given, then one per quantity that is not."""
     given = {entry.input.quantity: entry for entry in config.entries}
     rows = [_row(entry, config) for _, entry in sorted(given.items())]
-    phase_of_source = {q for q in Quantity if Quantity.CLUTCH1_POSITION <= q <= Quantity.CLUTCH2_COMMAND}
+    of_source = {q for q in Quantity if Quantity.CLUTCH1_POSITION <= q <= Quantity.CLUTCH2_COMMAND}
+    of_source.add(Quantity.CLUTCH_STATE)
+    one_gear = {Quantity.GEAR, Quantity.TARGET_GEAR, Quantity.SHIFT_IN_PROGRESS}
+    of_source |= one_gear if config.settings.one_gear is None else {Quantity.GEAR1, Quantity.GEAR2}
     for quantity in Quantity:
-        if quantity not in given and quantity not in phase_of_source:
+        if quantity not in given and quantity not in of_source:
             rows.append(_missing_row(quantity.name.lower(), config))
     return rows
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations, pairwise
 from typing import NamedTuple
 
-from dctorque_can.config.estimation import GearsFromRatio
+from dctorque_can.config.estimation import RatioSection
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.signals import GearSignalSection
 from dctorque_can.driveline.gear_pair import SMALLEST_RATIO_STEP
@@ -62,13 +62,13 @@ def _missing_gears(forward: list[tuple[int, KeyPath, Gear]], shafts: set[int]) -
 
 
 def gear_map_doubts(
-    path: KeyPath, shaft: int, section: GearSignalSection, gears: Mapping[int, Gear], complete: bool
+    path: KeyPath, shaft: int | None, section: GearSignalSection, gears: Mapping[int, Gear], complete: bool
 ) -> Iterator[Doubt]:
-    """Yield where the map from raw values to gears of a shaft does not fit the vehicle.
+    """Yield where the map from raw values to gears of a shaft, or of both, does not fit the vehicle.
 
     Args:
         path: key path of the map's section.
-        shaft: 1 or 2.
+        shaft: 1 or 2; None for both.
         section: signal and map.
         gears: all gears of the vehicle that are free of errors, by number.
         complete: whether these are all there are; else nothing is said about unknown ones.
@@ -80,17 +80,17 @@ def gear_map_doubts(
         if number not in gears and complete:
             have = ", ".join(_name(n) for n in sorted(gears, key=lambda n: (n < 0, n)))
             yield Doubt((*path, "values", key), f"the vehicle has no gear {name}; there is: {have}", False)
-        elif number in gears and gears[int(number)].shaft != shaft:
+        elif shaft is not None and number in gears and gears[int(number)].shaft != shaft:
             reason = f"gear {name} is on shaft {gears[int(number)].shaft}, not on shaft {shaft}"
             yield Doubt((*path, "values", key), reason, False)
-    if 0 not in section.values.values():
+    if shaft is not None and 0 not in section.values.values():
         yield Doubt((*path, "values"), "no raw value means neutral: the gear is unknown while it is changed", True)
     for number, gear in gears.items():
-        if gear.shaft == shaft and number not in section.values.values():
+        if shaft in (None, gear.shaft) and number not in section.values.values():
             yield Doubt((*path, "values"), f"no raw value means gear {_name(number)}", True)
 
 
-def inference_doubts(section: GearsFromRatio, gears: Mapping[int, Gear]) -> Iterator[Doubt]:
+def inference_doubts(section: RatioSection, gears: Mapping[int, Gear]) -> Iterator[Doubt]:
     """Yield gears of one shaft that the tolerances cannot tell apart."""
     tolerance = section.release_tolerance
     for first, second in combinations(gears.values(), 2):

@@ -31,6 +31,10 @@ def _gear(value: Any) -> Any:
     return 0 if value in (0, "neutral", "N") else gear_number(value)
 
 
+def _yes_or_no(value: Any) -> Any:
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+
+
 SignalName = Annotated[str, AfterValidator(_signal_name)]
 RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
 TimeoutMs = Annotated[float, Field(gt=0, le=60_000)]
@@ -141,6 +145,34 @@ class GearSignalSection(Section):
     """Raw value, or name of the DBC's value table, to gear: a number, neutral or reverse; others: no value."""
     timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
     """Age at which the gear is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
+
+
+class ShiftFlagSection(Section):
+    """A flag that says whether a shift is in progress."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    values: Annotated[
+        dict[RawKey, Annotated[Literal["yes", "no"], BeforeValidator(_yes_or_no)]], Field(min_length=1)
+    ]
+    """Raw value, or name of the DBC's value table, to yes or no; others: no value."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the flag is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
+
+
+class ClutchStateSection(Section):
+    """One state for both clutches together."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    values: Annotated[dict[RawKey, Literal["open", "slipping", "closed"]], Field(min_length=1)]
+    """Raw value, or name of the DBC's value table, to open, slipping or closed; others: no value."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the state is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 

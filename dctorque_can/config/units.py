@@ -44,6 +44,10 @@ DIMENSIONS = {
     Quantity.ACCELERATION: Dimension.ACCELERATION,
     Quantity.GRADE: Dimension.ANGLE,
     Quantity.BRAKE: Dimension.AS_IS,
+    Quantity.GEAR: Dimension.AS_IS,
+    Quantity.TARGET_GEAR: Dimension.AS_IS,
+    Quantity.SHIFT_IN_PROGRESS: Dimension.AS_IS,
+    Quantity.CLUTCH_STATE: Dimension.AS_IS,
 }
 
 _RPM = 2 * pi / 60

@@ -44,6 +44,8 @@ def is_closed(
     """
     if source == PhaseSource.FLAG:
         return value < 0.5
+    if source == PhaseSource.STATE:
+        return value > 0.5
     x = sign * value
     if x >= closed_above:
         return True

@@ -28,6 +28,8 @@ class PhaseSource(IntEnum):
     POSITION = 0  # actuator position against the kissing point
     FLAG = 1  # a "clutch open" flag
     COMMAND = 2  # commanded torque
+    NONE = 4  # nothing: it may always carry torque, and the speeds alone say how much
+    STATE = 5  # one state of both clutches together: open or not
     GIVEN = 3  # somebody who knows the phase gives it, as a `ClutchPhase` in the place of the position
 
 

@@ -27,6 +27,8 @@ INPUTS = np.dtype(
         ("delay_us", "i8", (N_QUANTITIES,)),
         ("driven_axle", "i8"),  # DrivenAxle
         ("infer_gears", "u1"),
+        ("one_gear", "u1"),  # one gear signal for the whole gearbox
+        ("phases_told", "u1"),  # something says of each clutch whether it is open
         ("magnitudes", "u1"),  # some speed of wheels or shafts is, or may be, told without its sign
         ("step_us", "i8"),  # of an estimator that goes on in steps of a grid
         ("torque_limit", "f8", (2,)),  # N·m, beyond which a clutch torque is not plausible
@@ -45,6 +47,11 @@ INPUTS = np.dtype(
         ("fresh", "u1", (N_QUANTITIES,)),  # renewed by the frame at hand
         ("gear", "i8", (2,)),
         ("gear_known", "u1", (2,)),
+        # of one gear for the whole gearbox:
+        ("gear_unsure", "u1", (2,)),  # the shaft does not drive, and nobody says that its gear is in
+        ("synchronises", "u1", (2,)),  # … so that a synchroniser may be at work
+        ("idle", "u1", (2,)),  # nothing says that this clutch is open, but the other one drives and does not slip
+        ("ambiguous", "u1"),  # a clutch may carry torque on a shaft of which nobody says in which gear
         ("closed", "u1", (2,)),  # the clutch may carry torque
         ("closed_known", "u1", (2,)),
         ("phase", "u1", (2,)),  # ClutchPhase

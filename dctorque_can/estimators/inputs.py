@@ -16,6 +16,7 @@ WHEEL = int(Quantity.WHEEL_SPEED_FL)
 GEAR_1 = int(Quantity.GEAR1)
 COMMAND_1 = int(Quantity.CLUTCH1_COMMAND)
 ACCELERATION = int(Quantity.ACCELERATION)
+GEAR = int(Quantity.GEAR)
 GRADE = int(Quantity.GRADE)
 BRAKE = int(Quantity.BRAKE)
 

@@ -64,6 +64,7 @@ def told_settings(settings: Settings, vehicle: Vehicle) -> Settings:
         vehicle=vehicle,
         method=Method.KALMAN,
         gear_inference=None,
+        one_gear=None,
         phases=replace(settings.phases, clutches=(given, given)),
         inputs=(*(item for item in settings.inputs if item.quantity not in _TOLD), *told),
     )

@@ -22,6 +22,7 @@ from dctorque_can.simulation.manoeuvres import MANOEUVRES
 from dctorque_can.simulation.sensors import (
     INERTIAL,
     LABORATORY,
+    ONE_GEAR,
     PRODUCTION,
     SensorProfile,
     Speeds,
@@ -69,6 +70,7 @@ class ProfileName(StrEnum):
     LABORATORY = "laboratory"
     PRODUCTION = "production"
     INERTIAL = "inertial"
+    ONE_GEAR = "one_gear"
 
 
 class Unsigned(StrEnum):
@@ -91,6 +93,7 @@ _PROFILES = {
     ProfileName.LABORATORY: LABORATORY,
     ProfileName.PRODUCTION: PRODUCTION,
     ProfileName.INERTIAL: INERTIAL,
+    ProfileName.ONE_GEAR: ONE_GEAR,
 }
 
 

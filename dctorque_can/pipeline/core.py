@@ -72,6 +72,8 @@ def forget(p: Records, t_us: int) -> None:
     for i in range(2):
         core.candidate_us[i] = core.slip_small_us[i] = NEVER
         inputs.gear_known[i] = False
+        inputs.gear_unsure[i] = inputs.one_gear
+        core.one_gear.gear_known[i] = False
         inputs.phase[i] = ClutchPhase.OPEN
     direction.forget(core.direction, inputs)
 
@@ -154,8 +156,8 @@ def take(p: Records, rules: Any, queue: Any, place: int, t_us: int) -> None:
     mark_stale(inputs, rules, health)
     direction.follow(core.direction, inputs, rules, answer)
     w_e = follow_speeds(inputs, answer)
-    decide_gears(core, inputs, rules)
     decide_phases(core, inputs, rules, w_e)
+    decide_gears(core, inputs, rules, answer, w_e)
     judge_speeds(core, inputs, rules)
     contract.act(p.chosen, inputs, answer)
     watch(p.monitor, rules.car, inputs)

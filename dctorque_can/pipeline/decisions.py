@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
@@ -14,69 +13,50 @@ from dctorque_can.estimators.inputs import (
     ENGINE_SPEED,
     GEAR_1,
     SPEED_1,
-    STANDSTILL,
     both_shafts_complete,
     usable,
     wheel_speeds,
 )
+from dctorque_can.pipeline import one_gear
 from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity
+from dctorque_can.pipeline.shaft_ratio import follow_ratio
 from dctorque_can.pipeline.thresholds import IMPLAUSIBLE_RATIO, IMPLAUSIBLE_TIME_US
 
 POSITION_1 = int(Quantity.CLUTCH1_POSITION)
 OPEN_1 = int(Quantity.CLUTCH1_OPEN)
-_OPEN = int(ClutchPhase.OPEN)
+CLUTCH_STATE = int(Quantity.CLUTCH_STATE)
+_OPEN, _LOCKED = int(ClutchPhase.OPEN), int(ClutchPhase.LOCKED)
 
 
 @compiled_without_allocation
-def decide_gears(core: Any, inputs: Any, rules: Any) -> None:
-    """Take the engaged gear of each shaft from its signal, or from the ratio of its speed to the driven wheels."""
+def decide_gears(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) -> None:
+    """Take the engaged gear of each shaft from its signal, from that of the whole gearbox, or from a ratio."""
+    if rules.one_gear:
+        one_gear.decide_both(core, inputs, rules, answer, w_e)
+        return
     for i in range(2):
-        if not inputs.infer_gears:
-            known = usable(inputs, GEAR_1 + i)
-            inputs.gear_known[i] = known
-            if known:
-                gear = int(inputs.value[GEAR_1 + i])
-                in_table = -1 <= gear <= MAX_GEAR
-                exists = gear == 0 or (in_table and rules.shaft[gear + 1] == i + 1)
-                inputs.gear_known[i] = exists
-                inputs.gear[i] = gear if exists else 0
+        inputs.idle[i] = is_idle(core, inputs, i)
+        if inputs.infer_gears:
+            follow_ratio(core, inputs, rules, inputs, i)
             continue
-        known, w_d, _, _, _ = wheel_speeds(inputs)
-        if known and abs(w_d) < STANDSTILL:
-            # at rest every gear fits: the lowest is expected at the next start, and is not known until it shows
-            inputs.gear_known[i] = False
-            inputs.gear[i] = lowest_gear(rules, i + 1)
-        if not known or not usable(inputs, SPEED_1 + i) or abs(w_d) < rules.min_wheel_speed:
-            continue  # too slow to tell: the last gear is kept
-        best, error = 0, math.inf
-        for gear in range(-1, MAX_GEAR + 1):
-            ratio = rules.ratio[gear + 1]
-            if gear == 0 or ratio == 0.0 or rules.shaft[gear + 1] != i + 1:
-                continue
-            this = abs(inputs.w_c[i] / (ratio * w_d) - 1.0)
-            if this < error:
-                best, error = gear, this
-        present = inputs.gear[i]
-        tolerance = rules.release_tolerance if best == present else rules.engage_tolerance
-        wanted = best if error < tolerance else 0
-        if wanted == present and inputs.gear_known[i]:
-            core.candidate_us[i] = NEVER
-        elif core.candidate_us[i] == NEVER or wanted != core.gear_candidate[i]:
-            core.gear_candidate[i] = wanted
-            core.candidate_us[i] = inputs.t_us
-        elif inputs.t_us - core.candidate_us[i] >= rules.confirm_us:
-            inputs.gear[i] = wanted
-            inputs.gear_known[i] = True
-            core.candidate_us[i] = NEVER
+        known = usable(inputs, GEAR_1 + i)
+        inputs.gear_known[i] = known
+        if known:
+            gear = int(inputs.value[GEAR_1 + i])
+            in_table = -1 <= gear <= MAX_GEAR
+            exists = gear == 0 or (in_table and rules.shaft[gear + 1] == i + 1)
+            inputs.gear_known[i] = exists
+            inputs.gear[i] = gear if exists else 0
 
 
 @compiled_without_allocation
-def lowest_gear(rules: Any, shaft: int) -> int:
-    """Return the lowest forward gear of a shaft, 0 for none."""
-    for gear in range(1, MAX_GEAR + 1):
-        if rules.shaft[gear + 1] == shaft:
-            return gear
-    return 0
+def is_idle(core: Any, inputs: Any, i: int) -> bool:
+    """Return whether nothing says that clutch i is open, but it slips while the other one has not for long."""
+    if inputs.phases_told or inputs.closed_known[i] or not inputs.closed[i] or inputs.gear[1 - i] == 0:
+        return False
+    since_us = core.slip_small_us[1 - i]
+    drives = since_us != NEVER and inputs.t_us - since_us >= one_gear.SETTLED_US
+    return bool(drives and core.slip_small_us[i] == NEVER)
 
 
 @compiled_without_allocation
@@ -90,11 +70,13 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
                 inputs.phase[i] = int(inputs.value[POSITION_1 + i])
                 inputs.closed[i] = inputs.phase[i] != _OPEN
             continue
-        if source == PhaseSource.FLAG:
+        if source == PhaseSource.NONE or source == PhaseSource.STATE:
+            quantity = CLUTCH_STATE
+        elif source == PhaseSource.FLAG:
             quantity = OPEN_1 + i
         else:
             quantity = (POSITION_1 if source == PhaseSource.POSITION else COMMAND_1) + i
-        known = usable(inputs, quantity)
+        known = usable(inputs, quantity) and source != PhaseSource.NONE
         closed = True  # when nothing says that it is open, it may carry torque
         if known:
             sign, above, below = rules.closing_sign[i], rules.closed_above[i], rules.open_below[i]
@@ -107,6 +89,8 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
         inputs.phase[i] = decide_phase(
             closed, slip, int(inputs.phase[i]), since_us, inputs.t_us, rules.slip_released, rules.lock_time_us
         )
+        if source == PhaseSource.STATE and closed and inputs.phase[i] != _LOCKED:
+            inputs.closed_known[i] = False  # one of them is closed, or both
 
 
 @compiled_without_allocation
@@ -151,7 +135,9 @@ def judge_speeds(core: Any, inputs: Any, rules: Any) -> None:
     if known and abs(w_d) > rules.min_wheel_speed:
         for i in range(2):
             gear = inputs.gear[i]
-            if gear != 0 and abs(inputs.w_c[i] / (rules.ratio[gear + 1] * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
+            if gear == 0 or inputs.gear_unsure[i]:
+                continue
+            if abs(inputs.w_c[i] / (rules.ratio[gear + 1] * w_d) - 1.0) > IMPLAUSIBLE_RATIO:
                 fits = False
     inputs.fits = fits
     if not fits:

@@ -90,8 +90,8 @@ def limit(inputs: Any, row: Any) -> bool:
 def judge(core: Any, inputs: Any, monitor: Any, running: bool, status: int, limited: bool) -> int:
     """Return the `Status` bits of an estimate from those that the estimator gave it.
 
-    No torque is valid that is limited, stands on gears that are not known or on speeds that do not fit
-    them, or while the vehicle file is strongly contradicted.
+    No torque is valid that is limited, stands on gears that are not known or are ambiguous, or on speeds that do
+    not fit them, or while the vehicle file is strongly contradicted.
     """
     if gears_known(inputs):
         status |= _GEARS_KNOWN
@@ -103,7 +103,8 @@ def judge(core: Any, inputs: Any, monitor: Any, running: bool, status: int, limi
         status |= _LIMITED
     if core.implausible_us != NEVER and inputs.t_us - core.implausible_us >= IMPLAUSIBLE_TIME_US:
         status |= _SPEED_IMPLAUSIBLE
-    if not status & _CONVERGED or core.implausible_us != NEVER or limited or not status & _GEARS_KNOWN:
+    gears = bool(status & _GEARS_KNOWN) and not inputs.ambiguous
+    if not status & _CONVERGED or core.implausible_us != NEVER or limited or not gears:
         status &= ~_ALL_VALID
     if monitor.findings != 0:
         status |= _VEHICLE_FILE_IMPLAUSIBLE

@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from dctorque_can.driveline.parameters import GEARS, STANDARD_GRAVITY
 from dctorque_can.driveline.phase_decision import NEVER, closing_band
+from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.pipeline.direction import DIRECTION, SIGNED, first_direction
+from dctorque_can.pipeline.one_gear_state import ONE_GEAR, first_one_gear
 from dctorque_can.pipeline.samples import N_QUANTITIES
 from dctorque_can.pipeline.settings import Settings
 from dctorque_can.pipeline.thresholds import CAPACITY_MARGIN, PLAUSIBLE_WHEEL_SPEED, WIDEST
@@ -29,6 +31,7 @@ RULES = np.dtype(
         ("release_tolerance", "f8"),
         ("confirm_us", "i8"),
         ("min_wheel_speed", "f8"),
+        ("one_gear", "u1"),  # one gear signal for the whole gearbox (`one_gear`)
         ("phase_source", "i8", (2,)),
         ("closed_above", "f8", (2,)),  # positions and commands, in the direction of closing
         ("open_below", "f8", (2,)),
@@ -56,6 +59,7 @@ CORE = np.dtype(
         ("gear_candidate", "i8", (2,)),
         ("candidate_us", "i8", (2,)),
         ("slip_small_us", "i8", (2,)),  # since when the slip is small
+        ("one_gear", ONE_GEAR),
         ("implausible_us", "i8"),  # since when shaft and wheel speed disagree, NEVER if they agree
         ("estimate_us", "i8"),
         ("health_us", "i8"),
@@ -88,6 +92,8 @@ def rules(settings: Settings) -> NDArray[np.void]:
     r["weight"] = chassis.mass_kg * STANDARD_GRAVITY * chassis.wheel_radius_m
     r["efficiency"] = vehicle.gear_efficiency * vehicle.final_drive_efficiency
     inference, phases = settings.gear_inference, settings.phases
+    if settings.one_gear is not None:
+        r["one_gear"], inference = True, settings.one_gear.by_ratio
     r["min_wheel_speed"] = PLAUSIBLE_WHEEL_SPEED
     if inference is not None:
         r["engage_tolerance"] = inference.engage_tolerance
@@ -121,6 +127,10 @@ def first_inputs(settings: Settings, inputs: NDArray[np.void]) -> None:
     r["heading"] = r["direction"] = 1
     r["driven_axle"], r["step_us"] = settings.driven_axle, settings.step_us
     r["infer_gears"] = settings.gear_inference is not None
+    r["one_gear"] = settings.one_gear is not None
+    sources = {clutch.source for clutch in settings.phases.clutches}
+    r["phases_told"] = not sources & {PhaseSource.NONE, PhaseSource.STATE}
+    inputs["gear_unsure"] = settings.one_gear is not None
     limits = [CAPACITY_MARGIN * clutch.static_capacity_nm for clutch in settings.vehicle.clutches]
     r["torque_limit"] = limits
     r["output_limit"] = max(abs(g.total_ratio) for g in settings.vehicle.gears) * sum(limits)
@@ -133,3 +143,4 @@ def first_core(core: NDArray[np.void]) -> None:
     for name in ("arrived_us", "candidate_us", "slip_small_us", "implausible_us", "estimate_us", "health_us"):
         core[name] = NEVER
     first_direction(core["direction"])
+    first_one_gear(core["one_gear"])

@@ -32,6 +32,10 @@ class Quantity(IntEnum):
     ACCELERATION = 16  # longitudinal, m/s²
     GRADE = 17  # road inclination, rad, positive uphill
     BRAKE = 18  # any brake measure, positive when braking
+    GEAR = 19  # the one gear that a whole gearbox tells: that which drives, 0 neutral, -1 reverse
+    TARGET_GEAR = 20  # … and the one that is preselected or shifted to
+    SHIFT_IN_PROGRESS = 21  # flag: 1 while it shifts
+    CLUTCH_STATE = 22  # of both clutches together: 0 open, 1 slipping, 2 closed
 
 
 N_QUANTITIES = len(Quantity)

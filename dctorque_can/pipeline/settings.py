@@ -23,6 +23,13 @@ class GearInference:
 
 
 @dataclass(frozen=True, slots=True)
+class OneGear:
+    """One gear signal for the whole gearbox; the gear of the other shaft follows by `pipeline.one_gear`."""
+
+    by_ratio: GearInference  # of a shaft whose speed is known
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """Settings of one estimator core."""
 
@@ -39,3 +46,4 @@ class Settings:
     health_period_us: int
     max_gap_us: int  # a longer silence resets the observer
     max_step_back_us: int  # a larger step back in time resets the observer
+    one_gear: OneGear | None = None  # instead of a gear of each shaft

@@ -86,7 +86,7 @@ def follow(m: Any, car: Any, inputs: Any) -> float:
     if braking(inputs):
         m.brake_us = t_us
     for i in range(2):
-        if anew or inputs.gear[i] != m.gear[i] or not inputs.gear_known[i]:
+        if anew or inputs.gear[i] != m.gear[i] or not inputs.gear_known[i] or inputs.gear_unsure[i]:
             m.gear[i], m.gear_us[i] = inputs.gear[i], t_us
         difference = w_e - shaft_speed(inputs, car, i, w_d)
         m.slip[i] += (1.0 if anew else -math.expm1(-2.0 * dt / SMOOTH_S)) * (difference - m.slip[i])

@@ -23,6 +23,7 @@ from dctorque_can.driveline.parameters import STANDARD_GRAVITY, Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
 from dctorque_can.pipeline.samples import Protection
+from dctorque_can.simulation.one_gear import GearChange, one_gear
 from dctorque_can.simulation.truth import TRUTH_PERIOD_US
 
 Floats = NDArray[np.float64]
@@ -101,6 +102,8 @@ class SensorProfile:
         inertial: errors of the message Inertial, if it is sent.
         unsigned: speeds that are measured and sent without their sign, as by most production sensors: they count
             teeth. Noise and resolution are then those of the magnitude.
+        gear_changes: when in a shift the one gear of the message Transmission changes: in the middle, when the new
+            clutch has the greater capacity, or at the end, when the old one is open.
     """
 
     name: str
@@ -114,6 +117,7 @@ class SensorProfile:
     seed: int = 0
     inertial: InertialErrors = InertialErrors()
     unsigned: frozenset[Speeds] = frozenset()
+    gear_changes: GearChange = "end"
 
 
 LABORATORY = SensorProfile(
@@ -149,6 +153,11 @@ INERTIAL = replace(
     PRODUCTION, name="inertial", timing={**PRODUCTION.timing, "Inertial": Timing(20_000, 8_900, 2_000, 400)}
 )
 """The same with the message of an inertial sensor: every other message is the same bit for bit."""
+
+ONE_GEAR = replace(
+    PRODUCTION, name="one_gear", timing={**PRODUCTION.timing, "Transmission": Timing(10_000, 5_300, 1_000, 400)}
+)
+"""The same with one gear signal for the whole gearbox: every other message is the same bit for bit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +230,19 @@ def _gearbox(s: _Sampled) -> dict[str, Floats]:
     return columns
 
 
+def _transmission(s: _Sampled) -> dict[str, Floats]:
+    told = one_gear(s.truth, s.profile.gear_changes)
+    rows = np.searchsorted(s.truth["t_us"], s.at_us, side="right") - 1
+    actual, target = (np.where(gear < 0, _GEAR_REVERSE, gear)[rows] for gear in (told.actual, told.target))
+    columns = {
+        "ActualGear": actual,
+        "TargetGear": target,
+        "ShiftInProgress": told.shifting[rows],
+        "ClutchState": told.state[rows],
+    }
+    return {name: column.astype(float) for name, column in columns.items()}
+
+
 def _axle(front: bool) -> Callable[[_Sampled], dict[str, Floats]]:
     def columns(s: _Sampled) -> dict[str, Floats]:
         driven = s.profile.driven_axle in ("all", "front" if front else "rear")
@@ -256,6 +278,7 @@ _COLUMNS: dict[str, Callable[[_Sampled], dict[str, Floats]]] = {
     "WheelSpeedsFront": _axle(front=True),
     "WheelSpeedsRear": _axle(front=False),
     "Inertial": _inertial,
+    "Transmission": _transmission,
 }
 
 

@@ -90,8 +90,8 @@ class StudySection(Section):
     """What is driven, as in ``dctorque simulate``: paper or mixed."""
     duration_s: Annotated[float, Field(ge=3, le=3600)] | None = None
     """Length of the drive, s; default: 16 (paper) or 360 (mixed, at least 180)."""
-    profile: Literal["laboratory", "production", "inertial"] = "production"
-    """How the car measures and sends, as in ``dctorque simulate``: laboratory, production or inertial."""
+    profile: Literal["laboratory", "production", "inertial", "one_gear"] = "production"
+    """How the car measures and sends, as in ``dctorque simulate``: laboratory, production, inertial, one_gear."""
     runs: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     """How many cars are drawn."""
     seed: Annotated[int, Field(ge=0)] = 1

@@ -79,7 +79,7 @@ MISTAKES = [
     ({"protection.EngineData.crc": "e2e_p02"}, "protection.EngineData.data_ids", "16 data ids"),
     ({"protection.EngineData": {}}, "protection.EngineData.counter_signal", "a crc, a counter_signal, or both"),
     ({"gears.source": "signal"}, "gears.source", "did you mean signals"),
-    ({"gears": {"engage_tolerance": 0.02}}, "gears.source", "missing: one of signals, ratio"),
+    ({"gears": {"engage_tolerance": 0.02}}, "gears.source", "missing: one of signals, gearbox, ratio"),
     ({"gears.shaft1.values.2": 2}, "gears.shaft1.values.2", "gear 2 is on shaft 2, not on shaft 1"),
     ({"gears.shaft1.values.7": 7}, "gears.shaft1.values.7", "no gear 7; there is: 1, 2, 3, 4, 5"),
     ({"gears.shaft1.values.gear 9": 1}, "gears.shaft1.values.gear 9", "not in the value table"),

@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 
-from dctorque_can.config.load import Config, load_config
+from dctorque_can.config.load import Config, ConfigError, load_config
 from dctorque_can.driveline.parameters import DrivenAxle, Thermal
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSource
 from dctorque_can.estimators.oh2014.design import RoadLoad, SubObserver
 from dctorque_can.pipeline.samples import Input, Protection, Quantity
-from dctorque_can.pipeline.settings import GearInference
+from dctorque_can.pipeline.settings import GearInference, OneGear
+from dctorque_can.resources import shipped_dbc
 
 Load = Callable[..., Config]
 
@@ -291,3 +292,62 @@ def test_entries_tell_people_what_the_file_says(load: Load) -> None:
     assert (wheel.units, wheel.periods_ms) == (("km/h",), (20,))
     assert entries["clutch_phase.clutch1"].input.quantity is Quantity.CLUTCH1_POSITION
     assert entries["gears.shaft2"].units == ("",)
+
+
+DATABASE = {"databases.0.file": str(shipped_dbc("demo_car_one_gear"))}
+GEAR_VALUES = {"neutral": "neutral", 1: 1, 2: 2, 3: 3, 4: 4, 5: 5}
+GEARBOX = {
+    "source": "gearbox",
+    "actual": {"signal": "Transmission.ActualGear", "values": GEAR_VALUES},
+    "target": {"signal": "Transmission.TargetGear", "values": GEAR_VALUES},
+    "shift_in_progress": {"signal": "Transmission.ShiftInProgress", "values": {"no": "no", 1: "yes"}},
+    "confirm_ms": 80,
+}
+
+
+def test_one_gear_of_the_whole_gearbox(load: Load) -> None:
+    config = load(DATABASE | {"gears": GEARBOX})
+    assert config.settings.one_gear == OneGear(GearInference(0.03, 0.06, 80_000, 3.0))
+    assert config.settings.gear_inference is None
+    assert one(config, Quantity.GEAR).terms[0].values == {n: float(n) for n in range(6)}
+    assert one(config, Quantity.TARGET_GEAR).terms[0].signal == "TargetGear"
+    assert one(config, Quantity.SHIFT_IN_PROGRESS).terms[0].values == {0: 0.0, 1: 1.0}
+    assert not {Quantity.GEAR1, Quantity.GEAR2} & {each.quantity for each in config.inputs}
+    assert config.warnings == ()
+
+
+def test_a_gear_of_the_gearbox_that_the_vehicle_lacks(load: Load) -> None:
+    gears = GEARBOX | {"actual": {"signal": "Transmission.ActualGear", "values": GEAR_VALUES | {7: 7}}}
+    with pytest.raises(ConfigError, match=r"gears.actual.values.7 = 7: the vehicle has no gear 7"):
+        load(DATABASE | {"gears": gears})
+
+
+def test_one_signal_for_both_shafts_is_one_gear(load: Load) -> None:
+    signal = "Transmission.ActualGear"
+    flag = {"signal": signal, "values": {0: "open", 1: "closed", 2: "closed"}}
+    config = load(
+        DATABASE
+        | {
+            "gears.shaft1": {"signal": signal, "values": {0: 0, 1: 1, 2: "neutral", 3: 3, 4: 0, 5: 5}},
+            "gears.shaft2": {"signal": signal, "values": {0: 0, 1: 0, 2: 2, 3: 0, 4: 4, 5: 0}, "timeout_ms": 50},
+            "clutch_phase": {"source": "flag", "clutch1": flag, "clutch2": flag},
+        }
+    )
+    gear = one(config, Quantity.GEAR)
+    assert gear.terms[0].values == {n: float(n) for n in range(6)}
+    assert gear.timeout_us == 50_000
+    assert config.settings.one_gear is not None
+    assert {clutch.source for clutch in config.settings.phases.clutches} == {PhaseSource.STATE}
+    assert one(config, Quantity.CLUTCH_STATE).terms[0].values == {0: 0.0, 1: 2.0, 2: 2.0}
+
+
+def test_one_state_of_both_clutches_or_none(load: Load) -> None:
+    both = {"signal": "Transmission.ClutchState", "values": {"open": "open", 1: "slipping", 2: "closed"}}
+    config = load(DATABASE | {"clutch_phase": {"source": "state", "both": both}})
+    assert {clutch.source for clutch in config.settings.phases.clutches} == {PhaseSource.STATE}
+    assert one(config, Quantity.CLUTCH_STATE).terms[0].values == {0: 0.0, 1: 1.0, 2: 2.0}
+    config = load({"clutch_phase": {"source": "none", "lock_time_ms": 80}})
+    assert {clutch.source for clutch in config.settings.phases.clutches} == {PhaseSource.NONE}
+    assert config.settings.phases.lock_time_us == 80_000
+    with pytest.raises(ConfigError, match=r"clutch_phase\.source = none: the method oh2014 must be told"):
+        load({"clutch_phase": {"source": "none"}, "estimator.method": "oh2014"})

@@ -11,6 +11,7 @@ from dctorque_can.config import edges, estimation, inputs, signals, vehicle
 from dctorque_can.config.descriptions import field_descriptions
 from dctorque_can.config.load import OPTIONAL_SECTIONS, SECTIONS
 from dctorque_can.config.section import Section
+from dctorque_can.resources import shipped_dbc
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "configuration.md").read_text()
 MODELS = [
@@ -20,7 +21,7 @@ MODELS = [
     if isinstance(model, type) and issubclass(model, Section) and model.__module__ == module.__name__
 ]
 SOURCES = {"source"}  # one of several sections: told in a sentence
-PARTS = {"shaft1", "shaft2", "clutch1", "clutch2"}
+PARTS = {"shaft1", "shaft2", "clutch1", "clutch2", "both"}
 
 
 def default(field: FieldInfo) -> str:
@@ -56,12 +57,15 @@ def test_every_section_is_in_the_reference() -> None:
 
 def test_examples_in_the_reference_are_accepted(load) -> None:
     blocks = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 4
+    database = {"databases.0.file": str(shipped_dbc("demo_car_one_gear"))}
     for block in blocks:
         for key, value in yaml.safe_load(block).items():
             if key == "gears":
                 reverse = {"shaft": 2, "ratio": 3.5, "final_drive": 3.7, "inertia_kgm2": 0.001}
-                assert load({"gears": value, "vehicle.gears.R": reverse}).warnings == ()
+                assert load(database | {"gears": value, "vehicle.gears.R": reverse}).warnings == ()
+            elif key == "clutch_phase":
+                assert load(database | {key: value}).warnings == ()
             else:
                 section = inputs.InputsSection.model_fields[key].annotation
                 assert list(section.model_validate(value).contradictions()) == []

@@ -19,6 +19,7 @@ from dctorque_can.simulation.manoeuvres import MANOEUVRES
 from dctorque_can.simulation.sensors import (
     INERTIAL,
     LABORATORY,
+    ONE_GEAR,
     PRODUCTION,
     FrameEmitter,
     InertialErrors,
@@ -313,3 +314,30 @@ def test_left_and_right_driven_wheel_have_their_own_speeds(paper_vehicle: Vehicl
     _, rear = decoded(frames, database, "WheelSpeedsRear")
     np.testing.assert_array_equal(rear["WheelSpeedRL"], rear["WheelSpeedRR"])
     assert front["WheelSpeedFL"].max() > 20.0 + front["WheelSpeedFR"].max()
+
+
+def test_one_gear_changes_no_other_message_and_follows_the_shift(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle
+) -> None:
+    """At the end of the shift from 1 to 2 clutch 1 is open, in its middle clutch 2 has more capacity than it."""
+    database = load_database([DatabaseFile(DBC.with_name("demo_car_one_gear.dbc"))])
+    frames = emit_frames(paper_truth, paper_vehicle, replace(ONE_GEAR, seed=4), database)
+    others = frames[frames.can_id != 0x124]
+    without = emit_frames(paper_truth, paper_vehicle, replace(PRODUCTION, seed=4), database)
+    np.testing.assert_array_equal(others.data, without.data)
+    np.testing.assert_array_equal(others.t_us, without.t_us)
+    changed_at = {}
+    for changes in ("middle", "end"):
+        profile = replace(ONE_GEAR, timing={"Transmission": Timing(1_000)}, gear_changes=changes)
+        t_us, told = decoded(emit_frames(paper_truth, paper_vehicle, profile, database), database, "Transmission")
+        first = int(np.flatnonzero(told["ActualGear"] == 2)[0])
+        row = paper_truth[np.searchsorted(paper_truth["t_us"], t_us[first])]
+        changed_at[changes] = t_us[first]
+        assert row["clutch2_capacity_nm"] > row["clutch1_capacity_nm"]
+        assert (row["clutch1_capacity_nm"] > 2.0) == (changes == "middle")
+        assert told["ShiftInProgress"][first] == 1
+        assert told["ClutchState"][first] == 1
+        assert told["ShiftInProgress"][first - 1000] == 0
+        assert told["TargetGear"][first - 1000] == 2  # preselected
+        assert told["ActualGear"][first - 1000] == 1
+    assert changed_at["middle"] < changed_at["end"]

@@ -7,7 +7,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.inputs import phase_of, phases_known
-from dctorque_can.estimators.kalman import gearbox, tape
+from dctorque_can.estimators.kalman import gearbox, one_gear, tape
 from dctorque_can.estimators.kalman.engine import torque_error
 from dctorque_can.estimators.kalman.filter import Kalman
 from dctorque_can.estimators.kalman.model import GAIN, LAG_1, LAG_2, T_V, W_B, W_C1, W_E
@@ -33,7 +33,10 @@ def conclude(k: Kalman, inputs: Any, answer: Any, row: Any) -> int:
             gearbox.admit_either_direction(f, k.tuning[0], inputs.doubt)
         phase_1, phase_2 = phase_of(inputs, 0), phase_of(inputs, 1)
         gearbox.admit_motion(f, k.tuning[0], phase_1, phase_2)
-        gearbox.admit_synchronisers(f, k.tuning[0], phase_1, phase_2)
+        if inputs.one_gear:
+            one_gear.admit_synchronisers(f, k.tuning[0], inputs, phase_1, phase_2)
+        else:
+            gearbox.admit_synchronisers(f, k.tuning[0], phase_1, phase_2)
     tape.published(f, k.tables, k.tuning[0])
     row.clutch1_torque_nm, row.clutch2_torque_nm, row.output_torque_nm = f.T_c1, f.T_c2, f.T_o
     row.clutch1_sigma_nm, row.clutch2_sigma_nm, row.output_sigma_nm = f.sigma_1, f.sigma_2, f.sigma_o
@@ -60,7 +63,7 @@ def judge(f: Any, inputs: Any) -> int:
     status |= _CONVERGED
     if f.P[T_V, T_V] <= (VALID_OUTPUT_SHARE * inputs.output_limit) ** 2:
         status |= _ROAD_LOAD_LEARNED
-    if not phases_known(inputs):
+    if inputs.phases_told and not phases_known(inputs):
         return status
     if f.sigma_1 <= VALID_SHARE * inputs.torque_limit[0]:
         status |= _CLUTCH1_VALID

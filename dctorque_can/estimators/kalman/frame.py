@@ -16,6 +16,7 @@ from dctorque_can.estimators.inputs import (
     COMMAND_1,
     ENGINE_SPEED,
     ENGINE_TORQUE,
+    GEAR,
     GEAR_1,
     GRADE,
     SPEED_1,
@@ -26,7 +27,7 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
-from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints
+from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, one_gear
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
@@ -107,10 +108,15 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     phase_1, phase_2 = phase_of(inputs, 0), phase_of(inputs, 1)
     stands = abs(f.x[W_B]) < STANDSTILL
     before_us = f.t_us
+    f.idle[0], f.idle[1] = inputs.idle[0], inputs.idle[1]
     kalman.predict(f, k.tables, tuning, phase_1, phase_2, braking(inputs), stands, inputs.t_us)
     seconds = (f.t_us - before_us) * 1e-6
     take_torque(inputs, f, tuning, seconds)
-    gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
+    if inputs.one_gear:
+        one_gear.change_gears(f, tuning, inputs)
+    else:
+        gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
+    one_gear.expect_open(f, seconds)
     gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
     take_direction(inputs, f, tuning, stands, seconds)
     measure_speed(inputs, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.fastest_engine)
@@ -138,6 +144,8 @@ def measure_shaft(inputs: Any, f: Any, tuning: Any, i: int, stands: bool, second
     if inputs.gear[i] == 0:
         measure_speed(inputs, f, tuning, quantity, sensor, state, math.inf)
         return
+    if inputs.gear_unsure[i]:
+        return  # it may turn as it likes
     ratio, sure, z = tuning.ratio[i, inputs.gear[i] + 1], inputs.direction != 0, inputs.value[quantity]
     slow = abs(z) < _SLOW * abs(ratio) if sure else stands
     if inputs.signs[quantity] != _SIGNED and slow:
@@ -231,7 +239,7 @@ def may_go_on(inputs: Any) -> bool:
     complete = wheels and seen_lately(inputs, ENGINE_SPEED) and seen_lately(inputs, ENGINE_TORQUE)
     for i in range(2):
         complete &= seen_lately(inputs, SPEED_1 + i) or not inputs.mapped[SPEED_1 + i]
-        complete &= seen_lately(inputs, GEAR_1 + i) or inputs.infer_gears
+        complete &= seen_lately(inputs, GEAR if inputs.one_gear else GEAR_1 + i) or inputs.infer_gears
     return complete
 
 

@@ -140,19 +140,24 @@ def change_gears(f: Any, tuning: Any, g1: int, g2: int) -> None:
     """Take new gears: a transfer shaft starts untwisted, and what its input shaft did before says nothing."""
     for i in range(2):
         gear = g1 if i == 0 else g2
-        if gear == f.gear[i]:
-            continue
-        f.gear[i] = gear
-        forget(f, TH_T1 + i, 0.0, 1e-6)
-        forget(f, W_C1 + i, f.x[W_C1 + i], 1e4)
-        # the clutch is open, but the frame that says so may come late
-        torque, rate = tuning.open_torque, tuning.rate[_OPEN]
-        if gear == 0:
-            torque, rate = tuning.neutral[i], tuning.neutral_rate[i]
-            # a synchroniser is about to pull, and shakes the other clutch
-            f.torque_rate[1 - i] = max(f.torque_rate[1 - i], tuning.rate[_LOCKED])
-        forget(f, T_C1 + i, 0.0, torque**2)
-        forget(f, R_1 + i, 0.0, rate**2)
+        if gear != f.gear[i]:
+            change_gear(f, tuning, i, gear)
+
+
+@compiled_without_allocation
+def change_gear(f: Any, tuning: Any, i: int, gear: int) -> None:
+    """Take the new gear of one shaft."""
+    f.gear[i] = gear
+    forget(f, TH_T1 + i, 0.0, 1e-6)
+    forget(f, W_C1 + i, f.x[W_C1 + i], 1e4)
+    # the clutch is open, but the frame that says so may come late
+    torque, rate = tuning.open_torque, tuning.rate[_OPEN]
+    if gear == 0:
+        torque, rate = tuning.neutral[i], tuning.neutral_rate[i]
+        # a synchroniser is about to pull, and shakes the other clutch
+        f.torque_rate[1 - i] = max(f.torque_rate[1 - i], tuning.rate[_LOCKED])
+    forget(f, T_C1 + i, 0.0, torque**2)
+    forget(f, R_1 + i, 0.0, rate**2)
 
 
 @compiled_without_allocation

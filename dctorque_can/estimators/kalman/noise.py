@@ -16,6 +16,7 @@ from dctorque_can.estimators.kalman.model import DT_E, R_1, T_C1, T_V, TH_D, TH_
 from dctorque_can.estimators.kalman.tuning import SLIDING
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
+_HANDS_OVER = 3.0  # 1/s, of what both clutches carry, in a shift that nothing tells of
 _RECENT = 0.2  # s, over which a change is one that has just happened
 _RINGING = 0.04  # s, time constant of the driveline's oscillation, 1/ω
 _LEAST_TYRE_TORQUE = 15.0  # N·m/√s
@@ -50,6 +51,8 @@ def decide_rates(f: Any, tuning: Any, phase_1: int, phase_2: int, seconds: float
         phase = phase_1 if i == 0 else phase_2
         if f.gear[i] == 0:
             f.torque_rate[i] = tuning.neutral_rate[i]
+        elif f.idle[0] or f.idle[1]:
+            f.torque_rate[i] = quiet_rate(f, tuning, i, change, keep)
         elif phase == _OPEN:
             f.torque_rate[i] = tuning.rate[_OPEN]
         else:
@@ -62,6 +65,16 @@ def decide_rates(f: Any, tuning: Any, phase_1: int, phase_2: int, seconds: float
                 slides = abs(f.x[W_E] - f.x[W_C1 + rubs]) > SLIDING
                 rate = tuning.sliding_rate if slides else tuning.rate[_SLIPPING]
             f.torque_rate[i] = max(rate, keep * f.torque_rate[i])
+
+
+@compiled_without_allocation
+def quiet_rate(f: Any, tuning: Any, i: int, change: float, keep: float) -> float:
+    """Return how fast clutch i changes its torque while one is locked and the other perhaps takes over, N·m/s."""
+    hands_over = _HANDS_OVER * abs(f.x[T_C1] + f.x[T_C1 + 1])
+    rate = min(max(hands_over, tuning.steady_rate), tuning.rate[_SLIPPING])
+    if not f.idle[i]:
+        rate = max(rate, min(abs(change) / _RECENT + shaken_rate(f, tuning, i), tuning.rate[_LOCKED]))
+    return float(max(rate, keep * f.torque_rate[i]))
 
 
 @compiled_without_allocation

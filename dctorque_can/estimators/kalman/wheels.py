@@ -104,7 +104,7 @@ def measure_axle(inputs: Any, f: Any, tuning: Any, left: int, driven: bool, sens
 
 @compiled_without_allocation
 def spins_alone(f: Any, left: float, right: float) -> bool:
-    """Return whether one driven wheel spins while the other one rolls with the body: the output shaft is between."""
+    """Return whether one driven wheel spins while the other rolls; the output shaft has their mean."""
     body = abs(f.x[W_B])
     slow, fast = min(abs(left), abs(right)), max(abs(left), abs(right))
     usual = _ROLLS_SHARE * body + _ROLLS
