@@ -75,13 +75,6 @@ def wheels_in_use(inputs: Any) -> int:
 
 
 @compiled_without_allocation
-def at_rest(inputs: Any) -> bool:
-    """Return whether the wheels say that the car stands."""
-    known, w_d, _, _, _ = wheel_speeds(inputs)
-    return bool(known) and abs(w_d) < STANDSTILL
-
-
-@compiled_without_allocation
 def braking(inputs: Any) -> bool:
     """Return whether the bus says that the brake is on."""
     return usable(inputs, BRAKE) and inputs.value[BRAKE] > 0.0

@@ -13,7 +13,7 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman.filter import forget, measure
 from dctorque_can.estimators.kalman.learning import learn_noise
-from dctorque_can.estimators.kalman.model import DT_E, GAIN, LAG_1, LAG_2
+from dctorque_can.estimators.kalman.model import DT_E, GAIN, LAG_1, LAG_2, T_C1
 from dctorque_can.estimators.kalman.thresholds import CHANCE, LARGEST_JUMP, LARGEST_SPREAD, MOTION, MOVED, TOO_MANY
 
 
@@ -30,6 +30,7 @@ class SensorFault(IntEnum):
 _SPIKE, _BIASED = int(SensorFault.SPIKE), int(SensorFault.BIASED)
 _SLIPPING = int(ClutchPhase.SLIPPING)
 _ENGINE = 0
+SOONEST = 0.005  # s, in which a speed that is not believed may have come about
 _TURNS = 1.0  # rad/s; slower speeds are told as zero
 TOLD_AS_ZERO = 1e-6  # … which the scale and offset of a DBC may leave not quite that; it has no noise
 _LEAST_SHARE = 0.2
@@ -201,6 +202,10 @@ def surprise(f: Any, tuning: Any, sensor: int, i: int, e: float) -> None:
     """Open the state to a motion that the model did not expect: of the speed, and of the torques behind it."""
     f.P[i, i] += e * e
     f.torque_rate[0] = f.torque_rate[1] = tuning.rate[_SLIPPING]
+    if 0 < sensor < _FIRST_WHEEL and f.gear[sensor - 1] != 0:
+        torque = tuning.J_e * e / max((f.t_us - f.accepted_us[sensor]) * 1e-6, SOONEST)
+        for c in range(2):
+            f.P[T_C1 + c, T_C1 + c] += torque * torque
     if sensor == _ENGINE:  # then the nominal torque is not what the engine gives
         lasting = max((f.t_us - f.fault_us[sensor]) * 1e-6, 0.01)
         f.P[DT_E, DT_E] += (tuning.J_e * e / lasting) ** 2

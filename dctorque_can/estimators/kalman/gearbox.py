@@ -10,6 +10,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators.kalman.faults import SOONEST
 from dctorque_can.estimators.kalman.filter import forget, measure, measure_open
 from dctorque_can.estimators.kalman.model import (
     OUTPUT,
@@ -32,7 +33,6 @@ _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _NEUTRAL_TRUST = 100.0  # variances: so weakly that it only keeps a synchroniser's torque from running away
 _REVERSAL_NM = 2.0  # beyond zero at which the losses change their direction
 _REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
-_SOONEST = 0.005  # s, in which a speed that is not believed may have come about
 _AGAINST = 5.0  # rad/s, from which a shaft turns against the engine
 _ROLLING = 4.0  # rad/s/√s at the wheel by which a car may be faster or slower than its speeds let one think
 _TURNED = 0.1  # (rad/s)², variance at the wheel of speeds that have been turned round
@@ -227,7 +227,7 @@ def admit_motion(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
     for sensor in range(1, 3):
         if f.rejected[sensor] == 0 or f.gear[sensor - 1] == 0:
             continue
-        seconds = max((f.t_us - f.accepted_us[sensor]) * 1e-6, _SOONEST)
+        seconds = max((f.t_us - f.accepted_us[sensor]) * 1e-6, SOONEST)
         torque = tuning.J_e * f.last_e[sensor, 0] / seconds
         if phase_1 != _OPEN:
             f.sigma_1 = math.hypot(f.sigma_1, torque)

@@ -20,7 +20,6 @@ from dctorque_can.estimators.inputs import (
     ENGINE_TORQUE,
     SPEED_1,
     STANDSTILL,
-    at_rest,
     both_shafts_complete,
     braking,
     phases_known,
@@ -326,8 +325,6 @@ def judge(o: Oh2014, inputs: Any) -> int:
     learned = learned or not rules.learns
     if rules.sub_observer == SubObserver.ADAPTIVE:
         return status | (_OUTPUT_VALID if learned else 0)
-    if inputs.direction == 0 and not at_rest(inputs):
-        return status  # nobody knows which way the car goes
     if phases_known(inputs) and ((learned and not braking(inputs)) or not state.apart):
         status |= _ALL_VALID
     return status
