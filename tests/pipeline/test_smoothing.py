@@ -20,7 +20,7 @@ from dctorque_can.simulation.drive import PAPER, mixed_drive, simulate
 from dctorque_can.simulation.sensors import LABORATORY, PRODUCTION, emit_frames
 
 from .drives import SETTINGS as HAND_MADE
-from .drives import cruise, samples, traffic
+from .drives import SIGNED, cruise, samples, traffic
 
 CONFIG = load_config(shipped_config("paper_car"))
 SETTINGS = CONFIG.settings
@@ -87,7 +87,7 @@ def test_errors_and_bands(traffic_truth, profile, whole, shifts):
     if profile is PRODUCTION:  # what a vehicle file without its own numbers has
         design = replace(PRODUCTION_DESIGN, parameter_error_share=0.0)
     frames = emit_frames(truth, SETTINGS.vehicle, replace(profile, seed=2), CONFIG.database)
-    smoother = Smoother(replace(SETTINGS, kalman=design))
+    smoother = Smoother(replace(SETTINGS, kalman=design, inputs=SIGNED))  # no direction is in doubt
     online = smoother.feed(Decoder(CONFIG.database, CONFIG.inputs, CONFIG.protections).decode(frames)).rows
     rows = smoother.smoothed()
     both = (truth["phase1"] > 0) & (truth["phase2"] > 0)
