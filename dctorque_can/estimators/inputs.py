@@ -81,6 +81,12 @@ def braking(inputs: Any) -> bool:
 
 
 @compiled_without_allocation
+def may_brake(inputs: Any) -> bool:
+    """Return whether the brake is on, or nothing says that it is off."""
+    return not usable(inputs, BRAKE) or braking(inputs)
+
+
+@compiled_without_allocation
 def gears_known(inputs: Any) -> bool:
     """Return whether the gears of both shafts are known."""
     return bool(inputs.gear_known[0]) and bool(inputs.gear_known[1])

@@ -38,6 +38,7 @@ def decide_gears(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) ->
         inputs.idle[i] = is_idle(core, inputs, i)
         if inputs.infer_gears:
             follow_ratio(core, inputs, rules, inputs, i)
+            inputs.gear_unsure[i] = not inputs.closed[i]  # it may be leaving the gear that its speed still fits
             continue
         known = usable(inputs, GEAR_1 + i)
         inputs.gear_known[i] = known

@@ -36,7 +36,7 @@ from dctorque_can.estimators.inputs import (
 )
 from dctorque_can.pipeline.samples import Signs
 
-SIGNED, _UNTOLD = int(Signs.SIGNED), int(Signs.UNTOLD)
+_SIGNED, _UNTOLD = int(Signs.SIGNED), int(Signs.UNTOLD)
 
 DIRECTION = np.dtype(
     [
@@ -132,7 +132,7 @@ def learn_signs(inputs: Any) -> None:
     for speed in range(SPEED_1, WHEEL + 4):
         least = _NEGATIVE_WHEEL if speed >= WHEEL else _NEGATIVE_SHAFT
         if inputs.signs[speed] == _UNTOLD and inputs.fresh[speed] and inputs.value[speed] < least:
-            inputs.signs[speed] = SIGNED
+            inputs.signs[speed] = _SIGNED
 
 
 @compiled_without_allocation
@@ -143,18 +143,24 @@ def told_direction(inputs: Any, rules: Any) -> tuple[bool, int]:
     """
     _, body = magnitude(inputs)
     for wheel in range(WHEEL, WHEEL + 4):
-        if usable(inputs, wheel) and inputs.signs[wheel] == SIGNED:
+        if usable(inputs, wheel) and inputs.signs[wheel] == _SIGNED:
             if body < STANDSTILL:
                 return True, 0
             return True, 1 if inputs.value[wheel] >= 0.0 else -1
     for i in range(2):
         ratio = rules.ratio[inputs.gear[i] + 1]
-        if usable(inputs, SPEED_1 + i) and inputs.signs[SPEED_1 + i] == SIGNED and ratio != 0.0:
+        if usable(inputs, SPEED_1 + i) and inputs.signs[SPEED_1 + i] == _SIGNED and ratio != 0.0:
             speed = inputs.value[SPEED_1 + i] / ratio
             if body < STANDSTILL or abs(abs(speed) - body) > _RINGING_SHARE * body:
                 return True, 0
             return True, 1 if speed >= 0.0 else -1
     return False, 0
+
+
+@compiled_without_allocation
+def in_reverse(inputs: Any, rules: Any) -> bool:
+    """Return whether a shaft is in reverse gear."""
+    return bool(rules.ratio[inputs.gear[0] + 1] < 0.0 or rules.ratio[inputs.gear[1] + 1] < 0.0)
 
 
 @compiled_without_allocation
@@ -164,13 +170,13 @@ def give_signs(inputs: Any, rules: Any, direction: int) -> None:
     A shaft in neutral turns as the engine does.
     """
     if direction == 0:
-        direction = -1 if rules.ratio[inputs.gear[0] + 1] < 0.0 or rules.ratio[inputs.gear[1] + 1] < 0.0 else 1
+        direction = -1 if in_reverse(inputs, rules) else 1
     inputs.heading = direction
     for wheel in range(WHEEL, WHEEL + 4):
-        if inputs.signs[wheel] != SIGNED:
+        if inputs.signs[wheel] != _SIGNED:
             inputs.value[wheel] = math.copysign(inputs.value[wheel], direction)
     for i in range(2):
-        if inputs.signs[SPEED_1 + i] != SIGNED:
+        if inputs.signs[SPEED_1 + i] != _SIGNED:
             ratio = rules.ratio[inputs.gear[i] + 1]
             sign = direction * ratio if ratio != 0.0 else 1.0
             inputs.value[SPEED_1 + i] = math.copysign(inputs.value[SPEED_1 + i], sign)
@@ -244,8 +250,7 @@ def begin(d: Any, inputs: Any, rules: Any, speed: float) -> None:
     """Start both hypotheses at a measured speed."""
     d.odds, d.moved_us, d.variance = 0.0, inputs.t_us, _FIRST_VARIANCE
     d.steepness = 0.0
-    in_reverse = rules.ratio[inputs.gear[0] + 1] < 0.0 or rules.ratio[inputs.gear[1] + 1] < 0.0
-    if speed > _FASTEST_BACKWARDS and not in_reverse:
+    if speed > _FASTEST_BACKWARDS and not in_reverse(inputs, rules):
         d.odds = _SETTLED
     braked = d.braked_us > inputs.t_us - _BRAKED_US
     grade = _BRAKED_GRADE if braked else _USUAL_GRADE

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from dctorque_can.driveline.parameters import GEARS, STANDARD_GRAVITY
 from dctorque_can.driveline.phase_decision import NEVER, closing_band
 from dctorque_can.driveline.phases import PhaseSource
-from dctorque_can.pipeline.direction import DIRECTION, SIGNED, first_direction
+from dctorque_can.pipeline.direction import DIRECTION, first_direction
 from dctorque_can.pipeline.one_gear_state import ONE_GEAR, first_one_gear
-from dctorque_can.pipeline.samples import N_QUANTITIES
+from dctorque_can.pipeline.samples import N_QUANTITIES, Signs
 from dctorque_can.pipeline.settings import Settings
 from dctorque_can.pipeline.thresholds import CAPACITY_MARGIN, PLAUSIBLE_WHEEL_SPEED, WIDEST
 from dctorque_can.plausibility.state import CAR, car
@@ -123,7 +123,7 @@ def first_inputs(settings: Settings, inputs: NDArray[np.void]) -> None:
         r["mapped"][item.quantity] = True
         r["delay_us"][item.quantity] = item.delay_us
         r["signs"][item.quantity] = item.signs
-        r["magnitudes"] |= item.signs != SIGNED
+        r["magnitudes"] |= item.signs is not Signs.SIGNED
     r["heading"] = r["direction"] = 1
     r["driven_axle"], r["step_us"] = settings.driven_axle, settings.step_us
     r["infer_gears"] = settings.gear_inference is not None

@@ -34,7 +34,8 @@ def follow_ratio(core: Any, inputs: Any, rules: Any, gears: Any, i: int) -> None
         ratio = rules.ratio[gear + 1]
         if gear == 0 or ratio == 0.0 or rules.shaft[gear + 1] != i + 1:
             continue
-        this = abs(inputs.w_c[i] / (ratio * w_d) - 1.0)
+        share = inputs.w_c[i] / (ratio * w_d)
+        this = abs((abs(share) if inputs.magnitudes else share) - 1.0)  # reverse has no sign then
         if this < error:
             best, error = gear, this
     present = gears.gear[i]

@@ -24,10 +24,9 @@ from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.manoeuvres import MANOEUVRES
 
+from ..signed_speeds import OPTIONS as SIGNED
+
 PAPER = shipped_config("paper_car")
-SPEEDS = ("shaft1_speed", "shaft2_speed", *(f"wheel_speeds.{wheel}" for wheel in ("fl", "fr", "rl", "rr")))
-SIGNED = [part for speed in SPEEDS for part in ("--set", f"inputs.{speed}.signed=true")]
-"""So that the direction of a short launch is never in doubt."""
 HANG_S = 900  # so late that no load of the machine explains it
 COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover")
 

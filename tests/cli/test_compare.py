@@ -8,6 +8,8 @@ import pytest
 from dctorque_can.analysis.errors import TORQUES
 from dctorque_can.pipeline.estimates import SENSORS
 
+from ..signed_speeds import OPTIONS as SIGNED
+
 SHORT = ("--duration", 8)  # its first shift is within
 
 
@@ -142,8 +144,6 @@ def test_more_variants_and_seeds(dctorque) -> None:
 
 
 EXACT = ("--set", "estimator.kalman.parameter_error_share=0")  # the simulated car is that of the file
-SPEEDS = ("shaft1_speed", "shaft2_speed", *(f"wheel_speeds.{wheel}" for wheel in ("fl", "fr", "rl", "rr")))
-SIGNED = [part for speed in SPEEDS for part in ("--set", f"inputs.{speed}.signed=true")]
 
 
 def test_the_smoother_as_third(dctorque) -> None:

@@ -14,6 +14,8 @@ from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import PAPER, simulate
 from dctorque_can.simulation.sensors import PRODUCTION, Noise, emit_frames
 
+from .drives import SIGNED
+
 CONFIG = load_config(shipped_config("paper_car"), {"estimator.method": "kalman"})
 TOLD = PRODUCTION.noise
 NOISY = Noise(0.3, 0.3, 0.06, TOLD.engine_torque_nm, TOLD.clutch_position_mm)
@@ -24,24 +26,29 @@ def truth():
     return simulate(CONFIG.settings.vehicle, PAPER)
 
 
-def driven(truth, noise):
+def driven(truth, noise, inputs=CONFIG.settings.inputs):
     profile = replace(PRODUCTION, noise=noise, seed=2)
     frames = emit_frames(truth, CONFIG.settings.vehicle, profile, CONFIG.database)
-    estimator = Estimator(CONFIG.settings)
+    estimator = Estimator(replace(CONFIG.settings, inputs=inputs))
     return estimator, estimator.feed(
         Decoder(CONFIG.database, CONFIG.inputs, CONFIG.protections).decode(frames)
     ).rows
 
 
-def test_three_times_the_noise_is_learned(truth):
+@pytest.mark.parametrize("signed", [True, False])
+def test_three_times_the_noise_is_learned(truth, signed):
     """Within 16 s; with the configured noise alone NIS is 4.1, 1.7, 2.6, 1.4 and 4.2.
 
-    Of shafts and driven wheels it is learned on the way alone: at rest their speeds have no sign.
+    Of shafts and driven wheels whose speeds have no sign it is learned on the way alone, and NIS counts that time.
     """
-    estimator, rows = driven(truth, NOISY)
-    most = {"engine": 1.5, "shaft1": 1.3, "shaft2": 2.0, "driven_wheels": 1.4, "undriven_wheels": 2.5}
+    estimator, rows = driven(truth, NOISY, SIGNED if signed else CONFIG.settings.inputs)
+    most = {"engine": 1.5, "shaft1": 1.3, "shaft2": 1.5, "driven_wheels": 1.3, "undriven_wheels": 2.5}
+    if not signed:
+        most |= {"shaft2": 2.0, "driven_wheels": 1.4}
     for sensor, innovations in nis(estimator.health).items():
         assert 0.5 < innovations.mean < most[sensor]
+    engine, _, *others = estimator.chosen.state["noise_ratio"][0]  # of the variance; it is nine
+    assert min(engine, *others) > 4.0
     for torque in judge([(rows, truth)], lag=False).everything.torques.values():
         assert torque.bands is not None
         assert torque.bands.coverage[-1] > 0.97

@@ -74,11 +74,16 @@ def traffic_truth():
 
 
 @pytest.mark.parametrize(
-    ("profile", "whole", "shifts"),
-    [(LABORATORY, (1.0, 1.0, 1.05), (0.8, 0.8)), (PRODUCTION, (0.85, 0.85, 1.0), (0.85, 0.9))],
-    ids=lambda value: getattr(value, "name", ""),
+    ("profile", "signed", "whole", "shifts"),
+    [
+        (LABORATORY, True, (1.0, 1.0, 1.05), (0.8, 0.8)),
+        (LABORATORY, False, (1.0, 1.0, 1.1), (0.8, 0.8)),  # while the direction of the launch is not known
+        (PRODUCTION, True, (0.85, 0.85, 1.0), (0.85, 0.9)),
+        (PRODUCTION, False, (0.85, 0.85, 1.0), (0.85, 0.9)),
+    ],
+    ids=["laboratory", "laboratory without sign", "production", "production without sign"],
 )
-def test_errors_and_bands(traffic_truth, profile, whole, shifts):
+def test_errors_and_bands(traffic_truth, profile, signed, whole, shifts):
     """RMS errors as shares of the online ones at most; sigmas never larger; 90 % of the errors in 1.96 σ.
 
     Limits for both clutches and the output over the whole drive, and for the clutches while both carry torque.
@@ -87,7 +92,7 @@ def test_errors_and_bands(traffic_truth, profile, whole, shifts):
     if profile is PRODUCTION:  # what a vehicle file without its own numbers has
         design = replace(PRODUCTION_DESIGN, parameter_error_share=0.0)
     frames = emit_frames(truth, SETTINGS.vehicle, replace(profile, seed=2), CONFIG.database)
-    smoother = Smoother(replace(SETTINGS, kalman=design, inputs=SIGNED))  # no direction is in doubt
+    smoother = Smoother(replace(SETTINGS, kalman=design, inputs=SIGNED if signed else SETTINGS.inputs))
     online = smoother.feed(Decoder(CONFIG.database, CONFIG.inputs, CONFIG.protections).decode(frames)).rows
     rows = smoother.smoothed()
     both = (truth["phase1"] > 0) & (truth["phase2"] > 0)

@@ -62,3 +62,9 @@ def avante_vehicle() -> Vehicle:
 @pytest.fixture(scope="session")
 def paper_truth(paper_vehicle: Vehicle) -> NDArray[np.void]:
     return simulate(paper_vehicle, PAPER)
+
+
+@pytest.fixture(params=["paper_vehicle", "avante_vehicle"])
+def car(request: pytest.FixtureRequest) -> Vehicle:
+    vehicle: Vehicle = request.getfixturevalue(request.param)
+    return vehicle

@@ -23,6 +23,7 @@ from dctorque_can.estimators.inputs import (
     STANDSTILL,
     WHEEL,
     braking,
+    may_brake,
     phase_of,
     usable,
     wheel_speeds,
@@ -109,7 +110,7 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     stands = abs(f.x[W_B]) < STANDSTILL
     before_us = f.t_us
     f.idle[0], f.idle[1] = inputs.idle[0], inputs.idle[1]
-    kalman.predict(f, k.tables, tuning, phase_1, phase_2, braking(inputs), stands, inputs.t_us)
+    kalman.predict(f, k.tables, tuning, phase_1, phase_2, may_brake(inputs), stands, inputs.t_us)
     seconds = (f.t_us - before_us) * 1e-6
     take_torque(inputs, f, tuning, seconds)
     if inputs.one_gear:

@@ -13,6 +13,7 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman.model import DT_E, R_1, T_C1, T_V, TH_D, TH_O, W_B, W_C1, W_E, W_W
+from dctorque_can.estimators.kalman.thresholds import ROLLS, ROLLS_SHARE
 from dctorque_can.estimators.kalman.tuning import SLIDING
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
@@ -24,9 +25,8 @@ _SLIPPING_SHARE = 0.15  # of a torque's rate at the wheel that slip of the tyres
 _SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
 _ACCELERATION_TIME = 0.5  # s, for which an acceleration lasts, as far as errors of timing go
 _HELD_SHARE = 0.2  # of the largest rate, while brakes stay as they are
-_SPIN_SHARE, _SPIN = 0.06, 0.6  # of the speed, and rad/s, by which driven wheels that roll may leave the body
 _SPINS = 1000.0  # N·m/√s, from which tyres that slip shake a locked clutch
-_SPIN_SIGMA = 3.0  # … and standard deviations of the body's speed
+_SPIN_SIGMA = 3.0  # standard deviations of the body's speed that driven wheels may leave it by on top
 _SPIN_TIME = 0.02  # s, for which a torque that the model makes of the spin is wrong the same way
 _DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
 
@@ -114,7 +114,7 @@ def decide_spin_rate(f: Any, tuning: Any, seconds: float) -> None:
     """
     spin, change = f.x[W_W] - f.x[W_B], f.rate[W_W] - f.rate[W_B]
     rate = 0.0
-    usual = _SPIN_SHARE * abs(f.x[W_B]) + _SPIN + _SPIN_SIGMA * math.sqrt(max(f.P[W_B, W_B], 0.0))
+    usual = ROLLS_SHARE * abs(f.x[W_B]) + ROLLS + _SPIN_SIGMA * math.sqrt(max(f.P[W_B, W_B], 0.0))
     if abs(spin) > usual or abs(f.rate[W_B]) > tuning.fastest_grip:
         rate = tuning.grip / math.sqrt(tuning.settling) + abs(tuning.tyre_damping * change) * math.sqrt(_SPIN_TIME)
     f.spins = rate > 0.0

@@ -41,6 +41,12 @@ JUMP = 60.0
 FASTEST_TORQUE = 2000.0
 """… and N·m/s for the time between: a petrol engine with its throttle torn open."""
 
+# --- tyres that slip ---
+ROLLS_SHARE = 0.06
+"""Of the speed, by which driven wheels that roll leave the body at most, tight bends apart, …"""
+ROLLS = 0.6
+"""… and rad/s."""
+
 # --- driven wheels in place of undriven ones ---
 SLIP_VARIANCE = 0.25
 """(rad/s)², of driven wheels against the body, where no wheel rolls with it."""

@@ -12,11 +12,16 @@ from dctorque_can.estimators.kalman.faults import SensorFault
 from dctorque_can.estimators.kalman.filter import measure
 from dctorque_can.estimators.kalman.learning import noise_factor
 from dctorque_can.estimators.kalman.model import W_B, W_W
-from dctorque_can.estimators.kalman.thresholds import FASTEST_WHEEL, SAME_TIME_US, SLIP_VARIANCE
+from dctorque_can.estimators.kalman.thresholds import (
+    FASTEST_WHEEL,
+    ROLLS,
+    ROLLS_SHARE,
+    SAME_TIME_US,
+    SLIP_VARIANCE,
+)
 
 _FIRST = 3  # place of the first wheel among the signals
 _REAR_WHEEL = WHEEL + 2
-_ROLLS_SHARE, _ROLLS = 0.06, 0.6  # of the speed, and rad/s, by which a driven wheel that rolls leaves the body
 _APART, _APART_TIME = 0.1, 0.05  # rad/s by which driven wheels leave the body at least, and s for which they do
 _SPIKE, _STUCK, _MISSING = int(SensorFault.SPIKE), int(SensorFault.STUCK), int(SensorFault.MISSING)
 
@@ -107,7 +112,7 @@ def spins_alone(f: Any, left: float, right: float) -> bool:
     """Return whether one driven wheel spins while the other rolls; the output shaft has their mean."""
     body = abs(f.x[W_B])
     slow, fast = min(abs(left), abs(right)), max(abs(left), abs(right))
-    usual = _ROLLS_SHARE * body + _ROLLS
+    usual = ROLLS_SHARE * body + ROLLS
     return bool(fast > body + usual and abs(slow - body) <= usual)
 
 
