@@ -58,6 +58,10 @@ class ShaftSection(Section):
     """Stiffness k_t of the transfer shaft, N·m/rad."""
     transfer_damping_nms_per_rad: NotNegative
     """Damping b_t of the transfer shaft, N·m·s/rad."""
+    spin_loss_nm: NotNegative = 0.0
+    """Loss of the turning shaft and its gears whatever the load (bearings, seals), N·m, with warm oil."""
+    spin_loss_nms_per_rad: NotNegative = 0.0
+    """How much that grows with the shaft's speed (churning), N·m·s/rad."""
 
 
 class ThermalSection(Section):
@@ -121,6 +125,10 @@ class OutputShaftSection(Section):
     """Stiffness k_o, N·m/rad."""
     damping_nms_per_rad: NotNegative
     """Damping b_o, N·m·s/rad."""
+    spin_loss_nm: NotNegative = 0.0
+    """Loss of final drive and differential whatever the load, at the output shaft, N·m, with warm oil."""
+    spin_loss_nms_per_rad: NotNegative = 0.0
+    """How much that grows with the output shaft's speed, N·m·s/rad."""
 
 
 class ChassisSection(Section):

@@ -42,6 +42,8 @@ class Shaft:
     inertia_kgm2: float  # J_c, clutch disc and shaft
     transfer_stiffness_nm_per_rad: float  # k_t
     transfer_damping_nms_per_rad: float  # b_t
+    spin_loss_nm: float = 0.0  # bearings, seals and churning gears, against the motion, whatever the load
+    spin_loss_nms_per_rad: float = 0.0  # … and how that grows with the speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,8 @@ class OutputShaft:
     inertia_kgm2: float  # J_o
     stiffness_nm_per_rad: float  # k_o
     damping_nms_per_rad: float  # b_o
+    spin_loss_nm: float = 0.0  # of final drive and differential, at this shaft
+    spin_loss_nms_per_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

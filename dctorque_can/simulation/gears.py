@@ -1,4 +1,4 @@
-"""Gears and synchronisers of the simulated car: in, out, and what is lost in them.
+"""Gears and synchronisers of the simulated car: in, out, and what is lost in them, with the load and without.
 
 A synchroniser is a cone clutch between an input shaft and the output shaft (times the gear's total ratio); the
 gear is engaged only once the cone sticks, so momentum is conserved and nothing is ever set to a speed. The
@@ -16,6 +16,7 @@ from dctorque_can.simulation.powertrain import Parameters
 
 _PATIENCE = 2.0  # times of a synchroniser after which it is pressed with its greatest force
 _BACKWARDS = 0.01  # m/s
+_TURNING = 1.0  # rad/s, from which dry friction of bearings and seals has all its torque
 _LOSSES_TURN = 0.1  # rad/s of the output shaft, on either side of zero: within, the losses fade and turn round
 
 
@@ -72,6 +73,13 @@ def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, co
             engage(p, mechanism, motion, a, shaft, gear)
             a.cone[shaft] = 0.0
             a.changing[shaft] = False
+
+
+@compiled
+def spin_loss(p: Parameters, shaft: int, speed: float) -> float:
+    """Return the torque against a shaft that turns and carries nothing, N·m; shaft 2 is the output shaft."""
+    turning = min(1.0, max(-1.0, speed / _TURNING))
+    return float(p.spin_loss[shaft, 0] * turning + p.spin_loss[shaft, 1] * speed)
 
 
 @compiled

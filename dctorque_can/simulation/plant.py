@@ -4,7 +4,8 @@ Speeds: engine, damper secondary side, input shafts 1 and 2, output shaft, drive
 roll with it). Contacts: both clutches, the cones of both synchronisers, and brake plus rolling resistance on the
 body: against its motion in either direction, and holding at rest. Brakes act on the body as if all were on the
 undriven wheels, whose grip has no limit. Gear losses depend on the direction of the power: on that of the torque,
-and where the car goes backwards also on that of the motion.
+and where the car goes backwards also on that of the motion. Bearings, seals and churning oil take
+from input shafts and output shaft whatever the load is (`gears.spin_loss`).
 
 The driven tyres have the friction of the road at most. Their deflection then grows as in Dahl's model of friction
 (1968), which needs no speed of the car: it holds from standstill on, forwards and backwards.
@@ -30,7 +31,7 @@ from dctorque_can.compiled import compiled
 from dctorque_can.simulation.control import CONTROL, TORQUE, decide
 from dctorque_can.simulation.driver import follow
 from dctorque_can.simulation.faults import Disturbances
-from dctorque_can.simulation.gears import change_gears, engage, set_losses
+from dctorque_can.simulation.gears import change_gears, engage, set_losses, spin_loss
 from dctorque_can.simulation.layout import (
     ACTUATION,
     AIR,
@@ -166,6 +167,7 @@ def move(
     _heat(p, motion, a)
     engine_share = 1.0 - np.exp(-STEP / p.torque_lag) if c.engine_on else 1.0  # without fuel there is only drag
     actuator_share = 1.0 - np.exp(-STEP / p.actuator_lag)
+    loses = p.spin_loss.max() > 0.0
     gravity = -p.weight * np.sin(grade)
     hold = p.rolling * p.weight * np.cos(grade) + brake
     for step in range(SUBSTEPS):
@@ -179,6 +181,10 @@ def move(
         a.T_e += engine_share * (c.engine_command - a.T_e)
         loads.force[1, ENGINE] = a.T_e
         loads.force[:, BODY] = gravity
+        if loses:
+            loads.force[:, SHAFT1] = -spin_loss(p, 0, motion.speed[SHAFT1])
+            loads.force[:, SHAFT2] = -spin_loss(p, 1, motion.speed[SHAFT2])
+            loads.force[:, OUTPUT] = -spin_loss(p, 2, motion.speed[WHEEL])  # not its own: it is light and rings
         for i in range(2):
             loads.kinetic[0, CLUTCH1 + i] = _available(p, a, i, step / SUBSTEPS)
             wanted = position_for(p, i, c.capacity[i], c.ready[i])
@@ -245,6 +251,7 @@ def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, 
     for shaft in range(2):
         row.driveline_heat_j += motion.spring_heat[TWIST_TRANSFER1 + shaft]
         row.driveline_heat_j += motion.gear_heat[TWIST_TRANSFER1 + shaft]
+    row.driveline_heat_j -= motion.work[SHAFT1] + motion.work[SHAFT2] + motion.work[OUTPUT]
     row.tyre_heat_j = motion.spring_heat[TYRE]
     if mechanism.stiffness.size > N_SPRINGS:
         row.wheel_difference_rad_s = w[DIFFERENCE]

@@ -127,6 +127,7 @@ class Parameters(NamedTuple):
     k_o: float
     b_o: float
     drag: Floats  # [2]
+    spin_loss: Floats  # [3, 2] of both input shafts and the output shaft: N·m, and N·m·s/rad
     capacity_full: Floats  # [2] kinetic torque capacity at full normal force
     capacity_assumed: Floats  # [2] … with the friction that the gearbox control reckons with
     static_ratio: Floats  # [2] static over kinetic
@@ -199,6 +200,7 @@ def parameters(vehicle: Vehicle, powertrain: Powertrain, payload_kg: float) -> P
         k_o=vehicle.output_shaft.stiffness_nm_per_rad,
         b_o=vehicle.output_shaft.damping_nms_per_rad,
         drag=np.array([clutch.drag_nms_per_rad for clutch in clutches]),
+        spin_loss=np.array([(s.spin_loss_nm, s.spin_loss_nms_per_rad) for s in (*shafts, vehicle.output_shaft)]),
         capacity_full=capacity_full,
         capacity_assumed=capacity_full / powertrain.friction_over_assumed,
         static_ratio=np.array([c.friction_static / c.friction_kinetic for c in clutches]),

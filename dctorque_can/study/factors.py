@@ -189,6 +189,11 @@ def _clutch_drag(car: Car, drag_nms_per_rad: float) -> Car:
     return _vehicle(car, clutches=clutches)
 
 
+def _spin_loss(car: Car, name: str, added: float) -> Car:
+    shafts = tuple(replace(shaft, **{name: getattr(shaft, name) + added}) for shaft in car.vehicle.shafts)
+    return _vehicle(car, shafts=shafts)
+
+
 def _bus_delay(car: Car, delay_ms: float) -> Car:
     later = round(1000 * delay_ms)
     timing = {name: replace(t, delay_us=t.delay_us + later) for name, t in car.sensors.timing.items()}
@@ -294,6 +299,22 @@ FACTORS: Mapping[str, Factor] = {
             0,
             1,
             _clutch_drag,
+        ),
+        Factor(
+            "spin_loss_nm",
+            "Added to the loss of both input shafts whatever their load: bearings and seals",
+            0,
+            0,
+            20,
+            lambda car, added: _spin_loss(car, "spin_loss_nm", added),
+        ),
+        Factor(
+            "spin_loss_nms_per_rad",
+            "Added to the growth of that loss with the speed: churning oil",
+            0,
+            0,
+            1,
+            lambda car, added: _spin_loss(car, "spin_loss_nms_per_rad", added),
         ),
     )
 }

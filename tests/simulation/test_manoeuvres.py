@@ -265,3 +265,26 @@ def test_wheels_on_equal_roads_are_one_wheel(paper_vehicle: Vehicle) -> None:
     assert np.abs(two["wheel_difference_rad_s"]).max() < 1e-9
     np.testing.assert_allclose(two["wheel_speed_rad_s"], one["wheel_speed_rad_s"], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(two["tyre_heat_j"], one["tyre_heat_j"], rtol=1e-6, atol=1e-3)
+
+
+def test_what_turns_costs_torque_without_any_load(car: Vehicle) -> None:
+    """With spin losses the ledger closes, and J ω̇ = T_c − T_t/(i η) − c sgn ω − d ω of an input shaft."""
+    shafts = tuple(replace(shaft, spin_loss_nm=1.5, spin_loss_nms_per_rad=0.012) for shaft in car.shafts)
+    output = replace(car.output_shaft, spin_loss_nm=4.0, spin_loss_nms_per_rad=0.1)
+    lossy = replace(car, shafts=(shafts[0], shafts[1]), output_shaft=output)
+    truth = simulate(lossy, MANOEUVRES["roll_back"](car))
+    assert np.abs(energy_residual_j(truth)).max() < 1e-5 * truth["engine_work_j"].max()
+    assert truth["driveline_heat_j"][-1] > 1.05 * driven(car, "roll_back")["driveline_heat_j"][-1]
+    gear = car.gear(1)
+    forward, t = truth["shaft1_speed_rad_s"], seconds(truth)
+    for start, end in ((1.6, 2.2), (6.0, 6.6)):
+        rows = part(truth, start, end)
+        assert np.all(rows["gear1"] == 1)
+        w, T_t = rows["shaft1_speed_rad_s"], rows["transfer1_torque_nm"]
+        assert np.all(np.sign(w) == (-1.0 if start < 2.0 else 1.0))
+        drives = (T_t >= 0.0) == (w > 0.0)
+        arm = np.where(drives, 1.0 / (gear.ratio * car.gear_efficiency), car.gear_efficiency / gear.ratio)
+        turned = rows["clutch1_torque_nm"] - arm * T_t - 1.5 * np.sign(w) - 0.012 * w
+        gained = lossy.shaft_inertia_kgm2(1) * (w[-1] - w[0])
+        assert gained == pytest.approx(np.trapezoid(turned, dx=1e-3), abs=0.02)
+    assert forward[t > 6.0].min() > 20.0

@@ -24,7 +24,7 @@ def test_shipped_studies_vary_everything(path: Path) -> None:
     study = load_study(path)
     twice = {"sensor_noise_factor"}  # it would repeat the three single ones
     other_bus = {"engine_torque_lag_ms"}  # which tells what is demanded of the engine
-    manoeuvres = {"tyre_friction_factor", "clutch_drag_nms_per_rad"}
+    manoeuvres = {"tyre_friction_factor", "clutch_drag_nms_per_rad", "spin_loss_nm", "spin_loss_nms_per_rad"}
     if path.stem == "demanded_torque":
         assert set(study.vary) == other_bus
     elif path.stem == "coverage":

@@ -7,7 +7,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.inputs import phase_of, phases_known
-from dctorque_can.estimators.kalman import gearbox, one_gear, tape
+from dctorque_can.estimators.kalman import gearbox, losses, one_gear, tape
 from dctorque_can.estimators.kalman.engine import torque_error
 from dctorque_can.estimators.kalman.filter import Kalman
 from dctorque_can.estimators.kalman.model import GAIN, LAG_1, LAG_2, T_V, W_B, W_C1, W_E
@@ -29,8 +29,9 @@ def conclude(k: Kalman, inputs: Any, answer: Any, row: Any) -> int:
     f = k.state[0]
     if f.started:
         gearbox.work_out_deviations(f, k.tables, k.tuning[0])
+        losses.admit_spin_losses(f, k.tuning[0])
         if inputs.direction == 0:
-            gearbox.admit_either_direction(f, k.tuning[0], inputs.doubt)
+            losses.admit_either_direction(f, k.tuning[0], inputs.doubt)
         phase_1, phase_2 = phase_of(inputs, 0), phase_of(inputs, 1)
         gearbox.admit_motion(f, k.tuning[0], phase_1, phase_2)
         if inputs.one_gear:

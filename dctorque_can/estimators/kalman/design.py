@@ -22,6 +22,8 @@ class KalmanDesign:
     settling_time_s: float  # in which the rate falls to the steady one
     open_torque_nm: float  # of an open clutch around its drag; lasting
     open_drag_error_nms_per_rad: float  # … and how it grows with the slip
+    spin_loss_error_nm: float  # of each input shaft; lasting
+    spin_loss_error_nms_per_rad: float  # … and how it grows with its speed
     road_load_rate_nm_per_sqrt_s: float
     held_load_rate_nm_per_sqrt_s: float  # … when the car stops or brakes, while the brakes change
     tyre_torque_share: float  # of a clutch torque's rate at the wheel, what the tyres' torque does beside it

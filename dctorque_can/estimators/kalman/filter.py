@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.parameters import GEARS, Vehicle
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman import arithmetic, tape
+from dctorque_can.estimators.kalman import arithmetic, losses, tape
 from dctorque_can.estimators.kalman import model as kalman_model
 from dctorque_can.estimators.kalman import tuning as kalman_tuning
 from dctorque_can.estimators.kalman.design import KalmanDesign
@@ -248,14 +248,18 @@ def predict(
             rest -= _STEPS[step]
             f.t_us += _STEPS[step]
             model = first + (2 if f.drives[0] else 0) + (1 if f.drives[1] else 0)
-            _advance(f, tables, model, step, q, follow_torque(f, tuning, _STEPS[step] * 1e-6))
+            _advance(f, tables, tuning, model, step, q, follow_torque(f, tuning, _STEPS[step] * 1e-6))
 
 
 @compiled_without_allocation
-def _advance(f: Any, tables: Tables, model: int, step: int, q: arithmetic.Noises, T_en: float) -> None:
+def _advance(
+    f: Any, tables: Tables, tuning: Any, model: int, step: int, q: arithmetic.Noises, T_en: float
+) -> None:
     """Carry state and covariance one step on, with q of `process_noise`."""
     tape.predicted(f, model, step)
     arithmetic.carry_on(f, tables.steps[model, step], T_en, q)
+    if not tuning.spins_freely:
+        losses.take_spin_losses(f, tuning, tables.steps[model, step])
     per_s = 1e6 / _STEPS[step]
     for i in range(N):
         f.rate[i] = (f.next[i] - f.x[i]) * per_s

@@ -28,7 +28,7 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
-from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, one_gear
+from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, losses, one_gear
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
@@ -125,7 +125,7 @@ def take_frame(k: Kalman, inputs: Any) -> None:
         measure_shaft(inputs, f, tuning, i, stands, seconds)
     measure_wheels(inputs, f, tuning, seconds)
     take_hints(inputs, f, tuning, phase_1, phase_2)
-    gearbox.decide_directions(f, tuning, phase_1, phase_2)
+    losses.decide_directions(f, tuning, phase_1, phase_2)
 
 
 @compiled_without_allocation

@@ -1,4 +1,4 @@
-"""What is known of the gearbox, as the filter uses it: phases, gears, direction of losses, and what is published.
+"""What is known of the gearbox, as the filter uses it: phases, gears, and what is published.
 
 Torques in N·m, speeds in rad/s.
 """
@@ -17,23 +17,15 @@ from dctorque_can.estimators.kalman.model import (
     R_1,
     T_C1,
     T_C2,
-    T_V,
-    T_X,
-    TH_O,
     TH_T1,
     W_C1,
     W_D,
-    W_E,
     W_O,
     Tables,
 )
-from dctorque_can.estimators.kalman.tuning import SLIDING
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _NEUTRAL_TRUST = 100.0  # variances: so weakly that it only keeps a synchroniser's torque from running away
-_REVERSAL_NM = 2.0  # beyond zero at which the losses change their direction
-_REVERSAL_SIGMA = 1.0  # … and standard deviations of the torque
-_AGAINST = 5.0  # rad/s, from which a shaft turns against the engine
 _ROLLING = 4.0  # rad/s/√s at the wheel by which a car may be faster or slower than its speeds let one think
 _TURNED = 0.1  # (rad/s)², variance at the wheel of speeds that have been turned round
 
@@ -54,51 +46,6 @@ def apply_phases(f: Any, tuning: Any, open_1: bool, open_2: bool) -> None:
 def open_deviation(tuning: Any, slip: float) -> float:
     """Return the standard deviation of an open clutch's torque around its drag, N·m."""
     return math.sqrt(tuning.open_torque**2 + (tuning.drag_error * slip) ** 2)
-
-
-@compiled_without_allocation
-def decide_directions(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
-    """Decide where losses go.
-
-    Friction follows the slip. Else the sign of the torque decides, with a band: a choice that followed the noise
-    would make two models of one torque contradict each other. A car that rolls against its gear drives a clutch
-    that pulls the other way.
-    """
-    for i in range(2):
-        phase, torque = phase_1 if i == 0 else phase_2, f.x[T_C1 + i]
-        pulled = bool(f.drives[i]) != bool(f.against[i])
-        if abs(f.x[W_C1 + i]) > _AGAINST:
-            f.against[i] = f.x[W_C1 + i] < 0.0
-        if phase == _OPEN:
-            f.drives[i] = (torque >= 0.0) != bool(f.against[i])
-            continue
-        slip = f.x[W_E] - f.x[W_C1 + i]
-        band = _REVERSAL_NM + _REVERSAL_SIGMA * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0))
-        pulls = torque > -band if pulled else torque > band
-        if phase == _SLIPPING and abs(slip) > SLIDING:
-            pulls = slip > 0.0
-        drives = pulls != bool(f.against[i])
-        if drives != bool(f.drives[i]):
-            f.drives[i] = drives
-            turn_losses(f, tuning, i)
-
-
-@compiled_without_allocation
-def turn_losses(f: Any, tuning: Any, i: int) -> None:
-    """Spread the torques behind gear pair i, whose losses have changed sides.
-
-    What was known of clutch and output torque together stood on the old losses. Two lines T_o = R η^±1 T_c meet in
-    zero alone, and there the filter would be sure to be. By the span between the lines output twist, tyre torque
-    and road load become uncertain together, since their differences are known from the wheels.
-    """
-    gear = f.gear[i] + 1
-    span = tuning.loss_span[i, gear]
-    variance = span * span * (f.P[T_C1 + i, T_C1 + i] + f.x[T_C1 + i] ** 2)
-    places = (TH_T1 + i, TH_O, T_X, T_V)
-    shares = (tuning.transfer_twist[i, gear], tuning.output_twist, 1.0, 1.0)
-    for k in range(4):
-        for m in range(4):
-            f.P[places[k], places[m]] += variance * shares[k] * shares[m]
 
 
 @compiled_without_allocation
@@ -200,21 +147,6 @@ def work_out_deviations(f: Any, tables: Tables, tuning: Any) -> None:
         f.sigma_2 = open_deviation(tuning, f.x[W_D] - f.x[W_C1 + 1])
     if f.gear[0] == 0 or f.gear[1] == 0:
         f.correlation = 0.0
-
-
-@compiled_without_allocation
-def admit_either_direction(f: Any, tuning: Any, doubt: float) -> None:
-    """Let the output torque be as uncertain as losses make it that perhaps go the other way.
-
-    Args:
-        f: filter.
-        tuning: of it.
-        doubt: probability that they do.
-    """
-    share = math.sqrt(doubt * (1.0 - doubt))
-    for i in range(2):
-        span = share * tuning.loss_span[i, f.gear[i] + 1] * f.x[T_C1 + i]  # zero in neutral
-        f.sigma_o = math.hypot(f.sigma_o, span)
 
 
 @compiled_without_allocation

@@ -4,8 +4,8 @@ With the clutch torques as states the compliant driveline of section 2.2 is line
 Here are its matrices and their exact discretisation on a ladder of steps, all made at configuration time:
 
     J_e ω̇_e = T_en + ΔT_e − T_d          J_d ω̇_d = T_d − T_c1 − T_c2        T_d = k_d θ_d + b_d (ω_e − ω_d)
-    J_i ω̇_ci = T_ci − T_ti/(i_ti η)      T_ti = k_ti θ_ti + b_ti (ω_ci/i_ti − i_fi ω_o)     (12), (13), (15), (16)
-    J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_o     T_o = k_o θ_o + b_o (ω_o − ω_w)          (14), (17)
+    J_i ω̇_ci = T_ci − T_ti/(i_ti η) − T_si          T_ti = k_ti θ_ti + b_ti (ω_ci/i_ti − i_fi ω_o)     (12) to (16)
+    J_o ω̇_o = η' (i_f1 T_t1 + i_f2 T_t2) − T_so − T_o           T_o = k_o θ_o + b_o (ω_o − ω_w)          (14), (17)
     J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
     Ṫ_x = Σ η i_ti i_fi r_i + D (ω̇_w − ω̇_b) + noise                 Ṫ_ci = r_i
 
@@ -13,7 +13,7 @@ T_x is what the tyres hand from the driven wheels to the body (undriven wheels t
 clutches' torques change, and damps the driven wheels against the body, by less than a tyre does at any but the
 highest speeds. The rates r_i of the clutch torques forget within ``torque_rate_time_s``. A shaft in neutral has an
 open clutch and perhaps a synchroniser: there the state T_ci is the torque between shaft and output shaft,
-J_i ω̇_ci = T_ci and −R T_ci on the output shaft.
+J_i ω̇_ci = T_ci and −R T_ci on the output shaft. Spin losses T_s of the shafts are inputs, as T_en is.
 
 SI units: rad/s, rad, N·m, kg·m².
 """
@@ -34,7 +34,7 @@ from dctorque_can.estimators.kalman.design import KalmanDesign
 
 Floats = NDArray[np.float64]
 Step = tuple[Floats, Floats, Floats]
-"""F, response to a constant input, covariance of each noise."""
+"""F, responses to constant inputs, covariance of each noise."""
 
 
 class State(IntEnum):
@@ -106,6 +106,11 @@ STEP = np.dtype(
         ("phi", "f8", (N, N)),  # F
         ("columns", "f8", (N, WIDTH)),  # … of its first rows, one after the other
         ("input", "f8", (N,)),  # response to T_en
+        (
+            "losses",
+            "f8",
+            (3, len(CAR)),
+        ),  # … of `CAR` to losses of input shafts and output shaft
         # rows of Q, columns of `COUPLED` states: of what always acts, the rates of T_c1 and T_c2, ΔT_e
         ("noise_engine", "f8", (len(_OF_ENGINE), len(ENGINE) * COUPLED)),
         # … of what always acts, the rates of T_c1 and T_c2, T_x, T_v
@@ -234,18 +239,18 @@ def synchroniser_ratio(vehicle: Vehicle, i: int, other: int) -> float:
 
 
 def discrete(A: Floats, B: Floats, intensity: Floats) -> list[Step]:
-    """Return (F, response to a constant input, covariance of each noise) for each of `STEPS_US`.
+    """Return (F, responses to constant inputs, covariance of each noise) for each of `STEPS_US`.
 
     The integrals of Van Loan (1978) by their series at a step so short that |A| h is small, then one step after
     another (`both`).
 
     Args:
         A: ``[..., n, n]``, of one model or more.
-        B: ``[n]``.
+        B: ``[n, m]``, of m inputs.
         intensity: of each white noise, ``[k, n, n]``.
 
     Returns:
-        F ``[..., n, n]``, response ``[..., n]`` and covariances ``[k, ..., n, n]`` of each step.
+        F ``[..., n, n]``, responses ``[..., n, m]`` and covariances ``[k, ..., n, n]`` of each step.
     """
     h = STEPS_US[-1] * 1e-6 / 2**_HALVINGS
     n = len(B)
@@ -253,7 +258,7 @@ def discrete(A: Floats, B: Floats, intensity: Floats) -> list[Step]:
     power = np.broadcast_to(np.eye(n), A.shape)  # (A h)^m / m!
     q = h * intensity.reshape(len(intensity), *(1,) * (A.ndim - 2), n, n)
     q = np.broadcast_to(q, (len(intensity), *A.shape))
-    F, b, Q = np.zeros(A.shape), np.zeros(A.shape[:-1]), np.zeros(q.shape)
+    F, b, Q = np.zeros(A.shape), np.zeros((*A.shape[:-1], B.shape[1])), np.zeros(q.shape)
     for m in range(1, _TERMS + 1):
         F, b, Q = F + power, b + h / m * (power @ B), Q + q
         power = h / m * (power @ A)
@@ -272,7 +277,7 @@ def both(first: Step, second: Step) -> Step:
     """Return the step that two make, one after the other: F₂ F₁, F₂ b₁ + b₂, F₂ Q₁ F₂ᵀ + Q₂."""
     F, b, Q = second
     Q = F @ first[2] @ np.swapaxes(F, -1, -2) + Q
-    return F @ first[0], (F @ first[1][..., None])[..., 0] + b, 0.5 * (Q + np.swapaxes(Q, -1, -2))
+    return F @ first[0], F @ first[1] + b, 0.5 * (Q + np.swapaxes(Q, -1, -2))
 
 
 def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
@@ -290,8 +295,10 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
         row[gear1 + 1, gear2 + 1] = first
         for k, drives in enumerate(product((False, True), repeat=2)):
             A[first + k], T_o = continuous(vehicle, design, gear1, gear2, (drives[0], drives[1]))
-    B = np.zeros(N)
-    B[W_E] = 1.0 / vehicle.engine_inertia_kgm2
+    B = np.zeros((N, 4))  # T_en, and losses of both input shafts and the output shaft
+    B[W_E, 0] = 1.0 / vehicle.engine_inertia_kgm2
+    B[[W_C1, W_C2], [1, 2]] = [-1.0 / vehicle.shaft_inertia_kgm2(shaft) for shaft in (1, 2)]
+    B[W_O, 3] = -1.0 / max(vehicle.output_shaft.inertia_kgm2, _LEAST_INERTIA)
     intensity = np.zeros((6, N, N))
     intensity[0] = intensities(design)
     intensity[1, R_1, R_1] = intensity[2, R_2, R_2] = 2.0 / design.torque_rate_time_s
@@ -300,7 +307,8 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
     steps = np.zeros((len(A), len(STEPS_US)), STEP)
     for step, (F, b, Q) in enumerate(discrete(A, B, intensity)):
         at = steps[:, step]
-        at["phi"], at["input"] = F, b
+        at["phi"], at["input"] = F, b[..., 0]
+        at["losses"] = b[:, CAR, 1:].transpose(0, 2, 1)
         at["columns"][..., :COUPLED] = F[:, :COUPLED].transpose(0, 2, 1)
         for n, k in enumerate(_OF_ENGINE):
             at["noise_engine"][:, n] = Q[k][:, ENGINE, :COUPLED].reshape(-1, len(ENGINE) * COUPLED)

@@ -34,6 +34,9 @@ TUNING = np.dtype(
         ("open_torque", "f8"),  # N·m, of an open clutch around its drag
         ("drag", "f8", (2,)),  # N·m per rad/s of slip
         ("drag_error", "f8"),  # … by how much it may be another
+        ("spin_loss", "f8", (3, 2)),  # of input shafts and output shaft: N·m, and N·m per rad/s
+        ("spins_freely", "u1"),  # none is told
+        ("spin_loss_error", "f8", (2,)),  # by how much those of an input shaft may be others
         ("speed_variance", "f8", (SPEEDS,)),  # of one sample: engine, input shafts, wheels FL, FR, RL, RR
         ("least_noise", "f8", (5,)),  # share of it that is always believed; both axles' wheels alike
         ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
@@ -93,6 +96,9 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["open_torque"] = design.open_torque_nm
     t["drag_error"] = design.open_drag_error_nms_per_rad
     t["drag"] = [clutch.drag_nms_per_rad for clutch in vehicle.clutches]
+    t["spin_loss"] = [(s.spin_loss_nm, s.spin_loss_nms_per_rad) for s in (*vehicle.shafts, vehicle.output_shaft)]
+    t["spins_freely"] = not t["spin_loss"].any()
+    t["spin_loss_error"] = design.spin_loss_error_nm, design.spin_loss_error_nms_per_rad
     t["speed_variance"] = variances = speed_variances(design)
     rounding = [q**2 / 12.0 for q in design.speed_resolutions_rad_s]
     least = [max(LEAST_NOISE, known / all_noise) for known, all_noise in zip(rounding, variances, strict=True)]

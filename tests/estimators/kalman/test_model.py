@@ -118,7 +118,7 @@ def test_a_synchroniser_stands_between_shaft_and_output():
 def test_discretisation_of_a_soft_system():
     """Doubling gives scipy's matrix exponential, and the integrals of F q Fᵀ and F B by adaptive quadrature."""
     A = np.array([[0.0, 1.0, 0.0], [-400.0, -8.0, 30.0], [0.0, 0.0, -5.0]])
-    B = np.array([0.0, 2.0, 1.0])
+    B = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 7.0]])
     q = np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 1.0], [0.0, 1.0, 2.0]])
     result = model.discrete(A, B, q[None])
     assert len(result) == len(STEPS_US)
@@ -166,7 +166,7 @@ def test_the_tables_leave_nothing_out_of_the_process_noise(car):
         intensity[1 + n, place, place] = value
     factors = np.array([9e6, 4e4, 400.0, 3600.0, 25.0])
     found = t.steps[t.row[gears[0] + 1, gears[1] + 1] + 3]
-    for of_step, (_, _, noises) in zip(found, model.discrete(A, np.zeros(N), intensity), strict=True):
+    for of_step, (_, _, noises) in zip(found, model.discrete(A, np.zeros((N, 1)), intensity), strict=True):
         Q = noises[0] + np.tensordot(factors, noises[1:], 1)
         np.testing.assert_allclose(model.process_covariance(of_step, factors), Q, rtol=1e-12)
 
