@@ -42,6 +42,15 @@ def starter(w_e: float) -> float:
 
 
 @compiled
+def told_without_fire(p: Parameters, w_e: float) -> float:
+    """Return what the control unit takes for the net torque while nothing burns, N·m: drag, and no starter.
+
+    It knows the drag of an engine that turns, and tells it of one that stands, too.
+    """
+    return -(p.drag_nm + p.drag_nms * w_e)
+
+
+@compiled
 def with_idle_control(p: Parameters, command: float, w_e: float, dw_e: float) -> float:
     """Return ``command``, or what keeps the engine at idle speed if that is more, within the engine's means."""
     idle = _IDLE_GAIN * (p.idle - w_e - p.torque_lag * dw_e)

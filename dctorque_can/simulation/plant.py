@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled
 from dctorque_can.simulation.control import CONTROL, TORQUE, decide
 from dctorque_can.simulation.driver import follow
+from dctorque_can.simulation.engine import CRANKED, told_without_fire
 from dctorque_can.simulation.faults import Disturbances
 from dctorque_can.simulation.gears import change_gears, engage, set_losses, spin_loss
 from dctorque_can.simulation.layout import (
@@ -216,7 +217,9 @@ def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, 
     row.transfer2_torque_nm = spring_torque(mechanism, motion, TWIST_TRANSFER2)
     row.output_torque_nm = spring_torque(mechanism, motion, TWIST_OUTPUT)
     row.engine_torque_nm = a.T_e
-    row.engine_torque_nominal_nm = a.T_e
+    row.engine_torque_nominal_nm = (
+        a.T_e if c.engine_on and w[ENGINE] >= CRANKED else told_without_fire(p, w[ENGINE])
+    )
     row.road_load_nm = p.r_w * (
         p.weight * np.sin(row.grade_rad) + motion.torque[ROAD] + p.air * w[BODY] * abs(w[BODY])
     )

@@ -77,6 +77,14 @@ def take_engine_torque(f: Any, tuning: Any, T_en: float) -> None:
 
 
 @compiled_without_allocation
+def take_no_torque(f: Any) -> None:
+    """Take it that the engine has no torque of its own: what it has else is ΔT_e."""
+    f.T_en = f.told = f.told_before = 0.0
+    f.lagged[0] = f.lagged[1] = 0.0
+    f.torque_us, f.held = f.t_us, math.nan
+
+
+@compiled_without_allocation
 def learn_torque_noise(f: Any, T_en: float) -> None:
     """Learn the noise of the torque signal from how it bends: its second difference has six times the variance.
 

@@ -36,7 +36,7 @@ from dctorque_can.estimators.kalman.filter import Kalman, measure
 from dctorque_can.estimators.kalman.learning import noise_factor
 from dctorque_can.estimators.kalman.model import DT_E, GAIN, W_B, W_C1, W_D, W_E, W_W, N
 from dctorque_can.estimators.kalman.noise import engine_variance
-from dctorque_can.estimators.kalman.thresholds import BRIDGED_US, FASTEST_WHEEL, IMPLAUSIBLE_TORQUE
+from dctorque_can.estimators.kalman.thresholds import BRIDGED_US, FASTEST_WHEEL, FIRES, IMPLAUSIBLE_TORQUE
 from dctorque_can.estimators.kalman.wheels import measure_axle, measure_either_way, stand_in_for_undriven
 from dctorque_can.pipeline.samples import Signs
 
@@ -261,8 +261,15 @@ def take_hints(inputs: Any, f: Any, tuning: Any, phase_1: int, phase_2: int) -> 
 
 @compiled_without_allocation
 def take_torque(inputs: Any, f: Any, tuning: Any, seconds: float) -> None:
-    """Take a new nominal engine torque, or let the old one age; judge it by the error that the speeds tell of."""
+    """Take a new nominal engine torque, or let the old one age; judge it by the error that the speeds tell of.
+
+    An engine that does not fire is stopped by its drag, or turned by a starter that no signal tells of.
+    """
     spike = False
+    if f.x[W_E] < FIRES:
+        engine.take_no_torque(f)
+        engine.let_engine_torque_age(f, tuning, seconds)
+        return
     if inputs.fresh[ENGINE_TORQUE]:
         taken, spike = engine.judge_jump(f, inputs.value[ENGINE_TORQUE])
         if taken:

@@ -41,6 +41,9 @@ JUMP = 60.0
 FASTEST_TORQUE = 2000.0
 """… and N·m/s for the time between: a petrol engine with its throttle torn open."""
 
+FIRES = 40.0
+"""rad/s below which no engine fires: half of the slowest idle. What is told of its torque then counts no more."""
+
 # --- tyres that slip ---
 ROLLS_SHARE = 0.06
 """Of the speed, by which driven wheels that roll leave the body at most, tight bends apart, …"""
