@@ -1,4 +1,4 @@
-"""An engine that is off has no torque of its own, whatever its control unit tells: no fault, and nothing learned."""
+"""An engine that is off has no torque of its own, whatever is told of it: no fault, and nothing learned."""
 
 import numpy as np
 import pytest
