@@ -179,6 +179,9 @@ def _gear_source(
     return None
 
 
+_KISSING_POINT_SHARE = 0.2
+"""Of a kissing point, by which wear and heat may move it."""
+
 _GEAR_QUANTITIES = {
     "shaft1": Quantity.GEAR1,
     "shaft2": Quantity.GEAR2,
@@ -271,7 +274,12 @@ def _actuation(section: PositionSection | FlagSection | CommandSection) -> Clutc
     match section:
         case PositionSection():
             increasing = section.closes == "increasing"
-            return ClutchActuation(PhaseSource.POSITION, section.kissing_point, section.hysteresis, increasing)
+            error = section.kissing_point_error
+            if error is None:
+                error = _KISSING_POINT_SHARE * abs(section.kissing_point)
+            return ClutchActuation(
+                PhaseSource.POSITION, section.kissing_point, section.hysteresis, increasing, error
+            )
         case CommandSection():
             return ClutchActuation(PhaseSource.COMMAND, section.threshold_nm, section.hysteresis_nm)
         case FlagSection():

@@ -230,6 +230,8 @@ class KalmanSection(Section):
     """For how long the driveline rings after a shift or a change of engine torque, s."""
     open_torque_nm: Annotated[float, Field(gt=0, le=100)] = 1.0
     """Torque of an open clutch beside its viscous drag, N·m. It lasts, so speeds do not make it surer."""
+    touch_torque_nm: Annotated[float, Field(ge=0, le=1000)] = 20.0
+    """Torque that a clutch may carry at its kissing point, if it is not where it is told, N·m."""
     open_drag_error_nms_per_rad: Annotated[float, Field(ge=0, le=1)] = 0.02
     """By how much that drag may lastingly be another than ``drag_nms_per_rad``, N·m·s/rad."""
     spin_loss_error_nm: Annotated[float, Field(ge=0, le=100)] = 1.0

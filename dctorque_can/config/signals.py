@@ -197,6 +197,8 @@ class PositionSection(InputSection):
     """Position at which the clutch begins to carry torque, in the unit of the position."""
     hysteresis: Annotated[float, Field(ge=0)]
     """Full width of the band around the kissing point, in the unit of the position."""
+    kissing_point_error: Annotated[float, Field(ge=0)] | None = None
+    """How much earlier the clutch may touch, in the unit of the position; by default a fifth of that point."""
     closes: Literal["increasing", "decreasing"]
     """Whether the clutch closes with increasing or decreasing position."""
 

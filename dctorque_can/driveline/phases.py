@@ -42,12 +42,14 @@ class ClutchActuation:
         threshold: kissing point in the unit of the position, or torque in N·m; unused for a flag.
         hysteresis: full width of the band around ``threshold``, same unit.
         closes_increasing: a position above (true) or below (false) the kissing point is closed.
+        touches_before: by how much earlier the clutch may begin to carry torque, same unit; 0: not at all.
     """
 
     source: PhaseSource
     threshold: float
     hysteresis: float
     closes_increasing: bool = True
+    touches_before: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,6 +54,7 @@ INPUTS = np.dtype(
         ("ambiguous", "u1"),  # a clutch may carry torque on a shaft of which nobody says in which gear
         ("closed", "u1", (2,)),  # the clutch may carry torque
         ("closed_known", "u1", (2,)),
+        ("touches", "f8", (2,)),  # 0 … 1, how near the position of an open clutch is to where it may not be open
         ("phase", "u1", (2,)),  # ClutchPhase
         ("w_c", "f8", (2,)),  # rad/s, shaft speeds as the frame at hand tells them, else as the estimator has them
         ("fits", "u1"),  # shaft speeds fit gears and wheels

@@ -84,6 +84,10 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
             closed = is_closed(source, inputs.value[quantity], sign, above, below, bool(inputs.closed[i]))
         inputs.closed_known[i] = known
         inputs.closed[i] = closed
+        inputs.touches[i] = 0.0
+        if known and rules.touches_before[i] > 0.0:
+            before = rules.closed_above[i] - rules.closing_sign[i] * inputs.value[quantity]
+            inputs.touches[i] = min(max(1.0 - before / rules.touches_before[i], 0.0), 1.0)
         slip = abs(w_e - inputs.w_c[i])
         since_us = small_slip_since(slip, rules.slip_locked, inputs.t_us, core.slip_small_us[i])
         core.slip_small_us[i] = since_us

@@ -36,6 +36,7 @@ RULES = np.dtype(
         ("closed_above", "f8", (2,)),  # positions and commands, in the direction of closing
         ("open_below", "f8", (2,)),
         ("closing_sign", "f8", (2,)),
+        ("touches_before", "f8", (2,)),  # before ``closed_above``; 0: never
         ("slip_locked", "f8"),
         ("slip_released", "f8"),
         ("lock_time_us", "i8"),
@@ -103,6 +104,7 @@ def rules(settings: Settings) -> NDArray[np.void]:
     for i, clutch in enumerate(phases.clutches):
         r["phase_source"][i] = clutch.source
         r["closing_sign"][i], r["closed_above"][i], r["open_below"][i] = closing_band(clutch)
+        r["touches_before"][i] = clutch.touches_before
     r["slip_locked"] = phases.slip_locked_rad_s
     r["slip_released"] = phases.slip_released_rad_s
     r["lock_time_us"] = phases.lock_time_us

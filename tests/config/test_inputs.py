@@ -143,10 +143,11 @@ def test_gears_from_ratio(load: Load) -> None:
 
 
 def test_phase_from_position(load: Load) -> None:
-    phases = load({"clutch_phase.clutch2.closes": "decreasing"}).settings.phases
+    error = {"clutch_phase.clutch1.kissing_point_error": 0.1}
+    phases = load({"clutch_phase.clutch2.closes": "decreasing", **error}).settings.phases
     assert phases.clutches == (
-        ClutchActuation(PhaseSource.POSITION, 3.0, 0.2, True),
-        ClutchActuation(PhaseSource.POSITION, 3.0, 0.2, False),
+        ClutchActuation(PhaseSource.POSITION, 3.0, 0.2, True, 0.1),
+        ClutchActuation(PhaseSource.POSITION, 3.0, 0.2, False, pytest.approx(0.6)),
     )
 
 

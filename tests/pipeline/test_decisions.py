@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dctorque_can.driveline.phases import ClutchActuation, ClutchPhase, PhaseSource
+from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.pipeline.samples import Input, SampleStatus
@@ -50,6 +51,26 @@ def test_phase_from_any_source(settings, source, quantity, open_value, closed_va
         rows.append(estimator.feed(samples(merged)).rows[-1])
     assert rows[0]["phase2"] == ClutchPhase.OPEN
     assert rows[1]["phase2"] == ClutchPhase.SLIPPING
+
+
+@pytest.mark.parametrize(("increasing", "start", "step"), [(True, 4.0, 0.2), (False, 6.0, -0.2)])
+def test_an_open_clutch_is_less_certain_near_its_kissing_point(increasing, start, step):
+    """From 1 to 0 before 5 mm its σ grows from that of its drag to that of 20 N·m beside it."""
+    actuation = ClutchActuation(PhaseSource.POSITION, 5.0, 0.0, increasing, touches_before=1.0)
+    phases = replace(SETTINGS.phases, clutches=(SETTINGS.phases.clutches[0], actuation))
+    values, _, _ = locked_in_first()
+
+    def nearer(t):
+        return values(t) | {Q.CLUTCH2_POSITION: start + step * int(t / 0.2)}
+
+    rows = Estimator(replace(SETTINGS, method=Method.KALMAN, phases=phases)).feed(traffic(1.0, nearer)).rows
+    late = rows[rows["t_us"] % 200_000 >= 150_000]
+    assert np.all(late["phase2"] == ClutchPhase.OPEN)
+    steps = [late["clutch2_sigma_nm"][late["t_us"] // 200_000 == n].mean() for n in range(5)]
+    at_rest = steps[0]
+    assert at_rest < 3.0
+    expected = [np.hypot(at_rest, 20.0 * share**2) for share in (0.0, 0.2, 0.4, 0.6, 0.8)]
+    np.testing.assert_allclose(steps[1:], expected[1:], rtol=0.15)
 
 
 @with_either

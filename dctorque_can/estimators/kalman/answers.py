@@ -33,6 +33,7 @@ def conclude(k: Kalman, inputs: Any, answer: Any, row: Any) -> int:
         if inputs.direction == 0:
             losses.admit_either_direction(f, k.tuning[0], inputs.doubt)
         phase_1, phase_2 = phase_of(inputs, 0), phase_of(inputs, 1)
+        gearbox.admit_touch(f, k.tuning[0], phase_1, phase_2)
         gearbox.admit_motion(f, k.tuning[0], phase_1, phase_2)
         if inputs.one_gear:
             one_gear.admit_synchronisers(f, k.tuning[0], inputs, phase_1, phase_2)

@@ -21,6 +21,7 @@ class KalmanDesign:
     torque_rate_time_s: float  # for how long it keeps that rate
     settling_time_s: float  # in which the rate falls to the steady one
     open_torque_nm: float  # of an open clutch around its drag; lasting
+    touch_torque_nm: float  # of a clutch that is called open, at its kissing point
     open_drag_error_nms_per_rad: float  # … and how it grows with the slip
     spin_loss_error_nm: float  # of each input shaft; lasting
     spin_loss_error_nms_per_rad: float  # … and how it grows with its speed

@@ -81,6 +81,7 @@ FILTER = np.dtype(
         ("h_2", "f8", (N,)),
         ("along_2", "f8", (N,)),
         ("rate", "f8", (N,)),  # of the state over the last step
+        ("touch", "f8", (2,)),  # N·m, that clutches may carry before their kissing points
         ("torque_rate", "f8", (2,)),  # N·m/s, how fast a clutch torque may change now
         ("recent_torque", "f8"),  # N·m, what T_en, T_o, T_v and the engine's inertial torque were lately
         ("recent_output", "f8"),

@@ -39,7 +39,8 @@ def apply_phases(f: Any, tuning: Any, open_1: bool, open_2: bool) -> None:
         elif open_1 if i == 0 else open_2:
             slip = f.x[W_D] - f.x[W_C1 + i]
             lasting, rate = open_deviation(tuning, slip), tuning.rate[_OPEN]
-            measure_open(f, i, tuning.drag[i] * slip, tuning.open_torque**2, lasting, rate**2)
+            variance = tuning.open_torque**2 + f.touch[i] ** 2
+            measure_open(f, i, tuning.drag[i] * slip, variance, lasting, rate**2)
 
 
 @compiled_without_allocation
@@ -166,6 +167,36 @@ def admit_motion(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
         if phase_2 != _OPEN:
             f.sigma_2 = math.hypot(f.sigma_2, torque)
         f.sigma_o = math.hypot(f.sigma_o, torque * tuning.ratio[sensor - 1, f.gear[sensor - 1] + 1])
+
+
+@compiled_without_allocation
+def let_touch(f: Any, tuning: Any, inputs: Any) -> None:
+    """Take how much torque clutches may carry before their kissing points, if they are called open.
+
+    The pressure of plates grows with the square of their travel, or nearly so.
+    """
+    for i in range(2):
+        f.touch[i] = tuning.touch_torque * inputs.touches[i] ** 2
+
+
+@compiled_without_allocation
+def admit_touch(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
+    """Let the torques be as uncertain as a clutch makes them that is called open and may touch.
+
+    What it carries is taken from the other clutch, or from what is known of the engine.
+    """
+    for i in range(2):
+        other = phase_2 if i == 0 else phase_1
+        if (phase_1 if i == 0 else phase_2) != _OPEN or f.gear[i] == 0 or f.touch[i] == 0.0:
+            continue
+        torque, ratio = f.touch[i], tuning.ratio[i, f.gear[i] + 1]
+        if other != _OPEN:
+            ratio -= tuning.ratio[1 - i, f.gear[1 - i] + 1]
+        f.sigma_o = math.hypot(f.sigma_o, ratio * torque)
+        if i == 0 or other != _OPEN:
+            f.sigma_1 = math.hypot(f.sigma_1, torque)
+        if i == 1 or other != _OPEN:
+            f.sigma_2 = math.hypot(f.sigma_2, torque)
 
 
 @compiled_without_allocation

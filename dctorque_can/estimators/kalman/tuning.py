@@ -32,6 +32,7 @@ TUNING = np.dtype(
         ("road_load", "f8"),  # N·m/√s
         ("held_load", "f8"),  # … when the car stops or brakes, while the brakes change
         ("open_torque", "f8"),  # N·m, of an open clutch around its drag
+        ("touch_torque", "f8"),  # … that may touch, at its kissing point
         ("drag", "f8", (2,)),  # N·m per rad/s of slip
         ("drag_error", "f8"),  # … by how much it may be another
         ("spin_loss", "f8", (3, 2)),  # of input shafts and output shaft: N·m, and N·m per rad/s
@@ -94,6 +95,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["road_load"] = design.road_load_rate_nm_per_sqrt_s
     t["held_load"] = design.held_load_rate_nm_per_sqrt_s
     t["open_torque"] = design.open_torque_nm
+    t["touch_torque"] = design.touch_torque_nm
     t["drag_error"] = design.open_drag_error_nms_per_rad
     t["drag"] = [clutch.drag_nms_per_rad for clutch in vehicle.clutches]
     t["spin_loss"] = [(s.spin_loss_nm, s.spin_loss_nms_per_rad) for s in (*vehicle.shafts, vehicle.output_shaft)]

@@ -77,3 +77,21 @@ def test_deviations_contain_what_lasts():
     V = M @ (f["P"] + f["lasting"].T @ f["lasting"]) @ M.T
     np.testing.assert_allclose([f["sigma_1"], f["sigma_2"], f["sigma_o"]], np.sqrt(np.diag(V)), rtol=1e-12)
     assert f["correlation"] == pytest.approx(V[0, 1] / np.sqrt(V[0, 0] * V[1, 1]))
+
+
+@pytest.mark.parametrize("other", [OPEN, LOCKED])
+def test_an_open_clutch_may_touch_before_its_kissing_point(other):
+    """Halfway to it a quarter of the torque, taken from the other clutch, or with it open from the engine."""
+    k = new_filter()
+    f, tuning = k.state[0], k.tuning[0]
+    inputs = np.zeros(1, [("touches", "f8", (2,))]).view(np.recarray)[0]
+    inputs.touches = (0.5, 0.0)
+    gearbox.let_touch(f, tuning, inputs)
+    gearbox.work_out_deviations(f, k.tables, tuning)
+    before = np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]])
+    gearbox.admit_touch(f, tuning, OPEN, other)
+    added = np.sqrt(np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]]) ** 2 - before**2)
+    torque = 0.25 * DESIGN.touch_torque_nm
+    first, second = (VEHICLE.gear(number).total_ratio for number in (1, 2))
+    expected = (torque, torque, torque * (first - second)) if other == LOCKED else (torque, 0.0, torque * first)
+    np.testing.assert_allclose(added, expected, rtol=1e-9, atol=1e-6)
