@@ -29,6 +29,7 @@ INPUTS = np.dtype(
         ("infer_gears", "u1"),
         ("one_gear", "u1"),  # one gear signal for the whole gearbox
         ("phases_told", "u1"),  # something says of each clutch whether it is open
+        ("phases_believed", "u1"),  # … and the speeds do not contradict it
         ("magnitudes", "u1"),  # some speed of wheels or shafts is, or may be, told without its sign
         ("step_us", "i8"),  # of an estimator that goes on in steps of a grid
         ("torque_limit", "f8", (2,)),  # N·m, beyond which a clutch torque is not plausible
@@ -52,6 +53,7 @@ INPUTS = np.dtype(
         ("synchronises", "u1", (2,)),  # … so that a synchroniser may be at work
         ("idle", "u1", (2,)),  # nothing says that this clutch is open, but the other one drives and does not slip
         ("ambiguous", "u1"),  # a clutch may carry torque on a shaft of which nobody says in which gear
+        ("called", "i8", (2,)),  # whether the bus calls the clutch closed, 1, or open, 0; −1: it says nothing
         ("closed", "u1", (2,)),  # the clutch may carry torque
         ("closed_known", "u1", (2,)),
         ("touches", "f8", (2,)),  # 0 … 1, how near the position of an open clutch is to where it may not be open

@@ -23,6 +23,7 @@ from dctorque_can.pipeline.decisions import decide_gears, decide_phases, follow_
 from dctorque_can.pipeline.parts import Parts, Records
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
+from dctorque_can.plausibility.findings import CLUTCHES
 from dctorque_can.plausibility.monitor import watch
 
 LATEST_US = 2**60  # times beyond ±36 000 years are taken as this, so that differences never overflow
@@ -156,6 +157,7 @@ def take(p: Records, rules: Any, queue: Any, place: int, t_us: int) -> None:
     mark_stale(inputs, rules, health)
     direction.follow(core.direction, inputs, rules, answer)
     w_e = follow_speeds(inputs, answer)
+    inputs.phases_believed = p.monitor.strong & CLUTCHES == 0
     decide_phases(core, inputs, rules, w_e)
     decide_gears(core, inputs, rules, answer, w_e)
     judge_speeds(core, inputs, rules)

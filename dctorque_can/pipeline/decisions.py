@@ -53,7 +53,8 @@ def decide_gears(core: Any, inputs: Any, rules: Any, answer: Any, w_e: float) ->
 @compiled_without_allocation
 def is_idle(core: Any, inputs: Any, i: int) -> bool:
     """Return whether nothing says that clutch i is open, but it slips while the other one has not for long."""
-    if inputs.phases_told or inputs.closed_known[i] or not inputs.closed[i] or inputs.gear[1 - i] == 0:
+    told = (inputs.phases_told and inputs.phases_believed) or inputs.closed_known[i]
+    if told or not inputs.closed[i] or inputs.gear[1 - i] == 0:
         return False
     since_us = core.slip_small_us[1 - i]
     drives = since_us != NEVER and inputs.t_us - since_us >= one_gear.SETTLED_US
@@ -62,7 +63,10 @@ def is_idle(core: Any, inputs: Any, i: int) -> bool:
 
 @compiled_without_allocation
 def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
-    """Decide open, slipping or locked for each clutch (Fig. 3), with hysteresis in position, slip and time."""
+    """Decide open, slipping or locked for each clutch (Fig. 3), with hysteresis in position, slip and time.
+
+    What is told and contradicts the speeds over a while is not believed: it is then as if nothing was told.
+    """
     for i in range(2):
         source = rules.phase_source[i]
         if source == PhaseSource.GIVEN:
@@ -70,6 +74,7 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
             if inputs.closed_known[i]:
                 inputs.phase[i] = int(inputs.value[POSITION_1 + i])
                 inputs.closed[i] = inputs.phase[i] != _OPEN
+            inputs.called[i] = inputs.closed[i] if inputs.closed_known[i] else -1
             continue
         if source == PhaseSource.NONE or source == PhaseSource.STATE:
             quantity = CLUTCH_STATE
@@ -81,7 +86,10 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
         closed = True  # when nothing says that it is open, it may carry torque
         if known:
             sign, above, below = rules.closing_sign[i], rules.closed_above[i], rules.open_below[i]
-            closed = is_closed(source, inputs.value[quantity], sign, above, below, bool(inputs.closed[i]))
+            closed = is_closed(source, inputs.value[quantity], sign, above, below, inputs.called[i] != 0)
+        inputs.called[i] = (1 if closed else 0) if known else -1
+        if not inputs.phases_believed:
+            known, closed = False, True
         inputs.closed_known[i] = known
         inputs.closed[i] = closed
         inputs.touches[i] = 0.0
@@ -96,6 +104,7 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
         )
         if source == PhaseSource.STATE and closed and inputs.phase[i] != _LOCKED:
             inputs.closed_known[i] = False  # one of them is closed, or both
+            inputs.called[i] = -1
 
 
 @compiled_without_allocation

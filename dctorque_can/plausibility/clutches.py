@@ -25,6 +25,7 @@ from dctorque_can.plausibility.thresholds import (
 )
 from dctorque_can.plausibility.verdict import decide
 
+_NOTHING, _OPEN, _CLOSED = -1, 0, 1  # of `contract.INPUTS`
 _RIDE_MEMORY = 1000.0  # rad/s of way, in which evidence of rides fades
 _EXCHANGED, _DIRECTION = int(Finding.CLUTCHES_EXCHANGED), int(Finding.CLUTCH_DIRECTION)
 _CALLED_OPEN, _CALLED_CLOSED = int(Finding.CLUTCH1_CALLED_OPEN), int(Finding.CLUTCH1_CALLED_CLOSED)
@@ -35,13 +36,13 @@ _LAUNCH_CALLED_OPEN = int(Finding.LAUNCH_CALLED_OPEN)
 @compiled_without_allocation
 def called_open(inputs: Any, i: int) -> bool:
     """Return whether the bus says that a clutch is open."""
-    return bool(inputs.closed_known[i]) and not inputs.closed[i]
+    return bool(inputs.called[i] == _OPEN)
 
 
 @compiled_without_allocation
 def called_closed(inputs: Any, i: int) -> bool:
     """Return whether the bus says that a clutch is closed, whether it slips or not."""
-    return bool(inputs.closed_known[i]) and bool(inputs.closed[i])
+    return bool(inputs.called[i] == _CLOSED)
 
 
 @compiled_without_allocation
@@ -56,7 +57,7 @@ def compare_phases(m: Any, car: Any, inputs: Any, dt: float) -> None:
     holds_2 = runs and together(m, 1) and fits(inputs, car, 1, w_d)
     for i in range(2):
         holds, other_holds = (holds_1, holds_2) if i == 0 else (holds_2, holds_1)
-        if holds and not other_holds and inputs.closed_known[i]:
+        if holds and not other_holds and inputs.called[i] != _NOTHING:
             m.ride[i] = m.ride[i] * fade + way
             m.ride_open[i] *= fade
             m.ride_crossed[i] *= fade
@@ -64,7 +65,7 @@ def compare_phases(m: Any, car: Any, inputs: Any, dt: float) -> None:
                 m.ride_open[i] += way
                 if called_closed(inputs, 1 - i):
                     m.ride_crossed[i] += way
-        slides = is_in(m, i) and abs(m.slip[i]) > APART_RAD_S and other_holds and bool(inputs.closed_known[i])
+        slides = is_in(m, i) and abs(m.slip[i]) > APART_RAD_S and other_holds and inputs.called[i] != _NOTHING
         closed = slides and called_closed(inputs, i)
         m.closed_slides_s[i] = m.closed_slides_s[i] + dt if closed else 0.0
         if slides:
@@ -82,7 +83,8 @@ def compare_phases(m: Any, car: Any, inputs: Any, dt: float) -> None:
     gives = m.torque - car.engine_inertia * m.dw_e > LAUNCH_NM
     if runs and gives and m.dw_b * car.radius > LAUNCH_M_S2 and rolls_free(m, inputs):
         in_one = is_in(m, 0) or is_in(m, 1)
-        if in_one and not holds_1 and not holds_2 and inputs.closed_known[0] and inputs.closed_known[1]:
+        told = inputs.called[0] != _NOTHING and inputs.called[1] != _NOTHING
+        if in_one and not holds_1 and not holds_2 and told:
             m.launch_s = m.launch_s * faded(dt, MEMORY_S) + dt
             m.launch_open_s *= faded(dt, MEMORY_S)
             if called_open(inputs, 0) and called_open(inputs, 1):

@@ -32,6 +32,17 @@ class Finding(IntFlag):
 
 N_FINDINGS = len(Finding)
 
+CLUTCHES = int(
+    Finding.CLUTCHES_EXCHANGED
+    | Finding.CLUTCH_DIRECTION
+    | Finding.CLUTCH1_CALLED_OPEN
+    | Finding.CLUTCH2_CALLED_OPEN
+    | Finding.CLUTCH1_CALLED_CLOSED
+    | Finding.CLUTCH2_CALLED_CLOSED
+    | Finding.LAUNCH_CALLED_OPEN
+)
+"""What is told of the clutches contradicts the speeds."""
+
 _Words = Callable[[float, int], str]
 """The sentence of a finding, from the number that was measured and a gear."""
 

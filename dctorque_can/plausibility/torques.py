@@ -17,7 +17,7 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.inputs import STANDSTILL, wheel_speeds
 from dctorque_can.plausibility.clutches import called_closed, called_open
-from dctorque_can.plausibility.findings import Finding
+from dctorque_can.plausibility.findings import CLUTCHES, Finding
 from dctorque_can.plausibility.signals import faded, is_in, measures_axle, rolls_free, together
 from dctorque_can.plausibility.speeds import fits
 from dctorque_can.plausibility.thresholds import (
@@ -56,15 +56,6 @@ from dctorque_can.plausibility.verdict import decide
 _SIGN, _SCALE = int(Finding.ENGINE_TORQUE_SIGN), int(Finding.ENGINE_TORQUE_SCALE)
 _SCALE_OR_MASS, _MASS = int(Finding.ENGINE_TORQUE_OR_MASS), int(Finding.MASS)
 _INERTIA, _OFFSET = int(Finding.ENGINE_INERTIA), int(Finding.ENGINE_TORQUE_OFFSET)
-_CLUTCHES = int(
-    Finding.CLUTCHES_EXCHANGED
-    | Finding.CLUTCH_DIRECTION
-    | Finding.CLUTCH1_CALLED_OPEN
-    | Finding.CLUTCH2_CALLED_OPEN
-    | Finding.CLUTCH1_CALLED_CLOSED
-    | Finding.CLUTCH2_CALLED_CLOSED
-    | Finding.LAUNCH_CALLED_OPEN
-)
 _NONE, _UNKNOWN = 2, -1
 
 
@@ -76,7 +67,7 @@ def carrier_of(m: Any, car: Any, inputs: Any) -> int:
     if first != second:
         i = 0 if first else 1
         return i if fits(inputs, car, i, w_d) else _UNKNOWN
-    if first or m.findings & _CLUTCHES:
+    if first or m.findings & CLUTCHES:
         return _UNKNOWN
     open_1 = called_open(inputs, 0) or (m.gear[0] == 0 and bool(inputs.gear_known[0]))
     open_2 = called_open(inputs, 1) or (m.gear[1] == 0 and bool(inputs.gear_known[1]))
@@ -148,7 +139,7 @@ def compare_idle(m: Any, car: Any, inputs: Any, dt: float) -> None:
 @compiled_without_allocation
 def judge_idle(m: Any) -> None:
     """Say whether the engine torque has an offset; what was taken for idle with wrong clutches is forgotten."""
-    if m.findings & _CLUTCHES:
+    if m.findings & CLUTCHES:
         m.idle_s = m.idle_nms = 0.0
     offset = m.idle_nms / m.idle_s if m.idle_s >= OFFSET_S else 0.0
     size = abs(offset)
@@ -187,7 +178,7 @@ def factors(m: Any) -> tuple[float, float, float, float, float]:
 @compiled_without_allocation
 def judge_factors(m: Any) -> None:
     """Say whether torque, mass or inertia are off."""
-    if m.findings & _CLUTCHES or m.sum_s < REGRESSION_S:
+    if m.findings & CLUTCHES or m.sum_s < REGRESSION_S:
         for bit in (_SIGN, _SCALE, _SCALE_OR_MASS, _MASS, _INERTIA):
             decide(m, bit, 0.0, False, False, False)
         return

@@ -58,6 +58,27 @@ def test_a_mistake_is_named_and_torques_are_not_valid_from_then_on(cases, drives
     assert (rows["status"][late] & VALID == 0).mean() > 0.97
 
 
+@pytest.mark.parametrize(
+    ("car", "name"),
+    [
+        ("paper_car", "clutches exchanged"),
+        ("avante_dct7", "positions close the other way"),
+        ("avante_dct7", "kissing points 7 instead of 3 mm"),
+    ],
+)
+def test_after_a_mistake_of_the_clutches_the_speeds_alone_tell_the_torques(cases, drives, car, name):
+    """Invalid as they are, they are near those of the right file; phases are not known, and the finding stays."""
+    config, frames = drives[car]
+    right = replayed(config, frames)[0]
+    rows, _ = replayed(load_documents(config.documents, cases.mistakes(config)[name]), frames)
+    told = rows["status"] & TOLD != 0
+    late = np.arange(len(rows)) > np.argmax(told) + 1000
+    assert not np.any(rows["status"][late] & Status.PHASES_KNOWN)
+    for torque, share in (("clutch1_torque_nm", 0.25), ("clutch2_torque_nm", 0.25), ("output_torque_nm", 0.25)):
+        off = np.sqrt(np.mean((rows[torque][late] - right[torque][late]) ** 2))
+        assert off < share * np.sqrt(np.mean(right[torque][late] ** 2))
+
+
 @pytest.mark.parametrize("car", ["paper_car", "avante_dct7"])
 def test_a_right_file_is_left_alone(drives, car):
     rows, health = replayed(*drives[car])
