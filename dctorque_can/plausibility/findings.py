@@ -28,6 +28,7 @@ class Finding(IntFlag):
     MASS = 1 << 16
     ENGINE_INERTIA = 1 << 17
     ENGINE_TORQUE_OFFSET = 1 << 18
+    ROAD_LOAD = 1 << 19
 
 
 N_FINDINGS = len(Finding)
@@ -176,6 +177,14 @@ def _torque_offset(offset: float, gear: int) -> str:
     )
 
 
+def _road_load(grade: float, gear: int) -> str:
+    return (
+        f"over a kilometre torque and accelerations mean a road of {100 * grade:+.0f} %, and none is so steep. "
+        "Look at inputs.engine_torque (factor, offset, unit), vehicle.chassis (mass_kg, wheel_radius_m) and "
+        "inputs.brake"
+    )
+
+
 _SENTENCES: Mapping[Finding, _Words] = {
     Finding.GEAR_RATIO: _gear_ratio,
     Finding.WHEEL_SPEEDS: _wheel_speeds,
@@ -196,6 +205,7 @@ _SENTENCES: Mapping[Finding, _Words] = {
     Finding.MASS: _mass,
     Finding.ENGINE_INERTIA: _engine_inertia,
     Finding.ENGINE_TORQUE_OFFSET: _torque_offset,
+    Finding.ROAD_LOAD: _road_load,
 }
 
 

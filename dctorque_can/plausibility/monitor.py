@@ -38,3 +38,4 @@ def watch(m: Any, car: Any, inputs: Any) -> None:
         clutches.judge_phases(m)
         torques.judge_idle(m)
         torques.judge_factors(m)
+        torques.judge_grade(m)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.driveline.parameters import GEARS, DrivenAxle, Vehicle
+from dctorque_can.driveline.parameters import AIR_DENSITY, GEARS, STANDARD_GRAVITY, DrivenAxle, Vehicle
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.plausibility.findings import N_FINDINGS
 
@@ -19,6 +19,9 @@ CAR = np.dtype(
         ("shaft_inertia", "f8", (2,)),  # kg·m², with gears
         ("inertia", "f8"),  # kg·m², of body and wheels at the wheel
         ("radius", "f8"),  # m
+        ("weight", "f8"),  # N·m at the wheel, of a wall
+        ("rolling", "f8"),  # N·m
+        ("air", "f8"),  # N·m per (rad/s)²
     ],
     align=True,
 )
@@ -76,6 +79,8 @@ MONITOR = np.dtype(
         ("sum_yy", "f8"),
         ("sum_s", "f8"),
         ("knows_body", "u1"),  # undriven wheels tell the speed of the body
+        ("grade_m", "f8"),  # m of way on which the road load is known
+        ("climb_m", "f8"),  # … and the height that it means
         ("idle_s", "f8"),
         ("idle_nms", "f8"),  # N·m·s
         # verdicts
@@ -101,6 +106,10 @@ def car(vehicle: Vehicle, driven_axle: DrivenAxle) -> NDArray[np.void]:
     r["engine_inertia"] = vehicle.engine_inertia_kgm2 + vehicle.damper.inertia_kgm2
     r["shaft_inertia"] = [vehicle.shaft_inertia_kgm2(shaft) for shaft in (1, 2)]
     r["inertia"] = vehicle.chassis.inertia_kgm2
+    chassis = vehicle.chassis
+    r["weight"] = chassis.mass_kg * STANDARD_GRAVITY * chassis.wheel_radius_m
+    r["rolling"] = chassis.rolling_resistance * r["weight"]
+    r["air"] = 0.5 * AIR_DENSITY * chassis.drag_coefficient * chassis.frontal_area_m2 * chassis.wheel_radius_m**3
     r["radius"] = vehicle.chassis.wheel_radius_m
     return record
 

@@ -125,3 +125,13 @@ BRAKE_US = 700_000
 MOST_NEGATIVE = -4.0
 """A wrong sign is certain where torque explains a part of the accelerations: the most of a factor is not below
 this."""
+
+GRADE = 0.2
+"""Mean grade that the road load means, from which on it is told: roads of 15 % over a kilometre exist, and with a
+load of a fifth of the mass they look like 18 %."""
+GRADE_STRONG = 0.25
+"""… and from which torques are not valid."""
+GRADE_M = 1000.0
+"""Way in which evidence of grades fades."""
+GRADE_SHARE = 0.63
+"""Share of it that must have been driven: what is left of a kilometre."""

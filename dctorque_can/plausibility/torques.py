@@ -29,6 +29,10 @@ from dctorque_can.plausibility.thresholds import (
     EQUATION_S,
     FACTOR_HIGH,
     FACTOR_LOW,
+    GRADE,
+    GRADE_M,
+    GRADE_SHARE,
+    GRADE_STRONG,
     IDLES_RAD_S,
     INERTIA_HIGH,
     INERTIA_LOW,
@@ -56,6 +60,7 @@ from dctorque_can.plausibility.verdict import decide
 _SIGN, _SCALE = int(Finding.ENGINE_TORQUE_SIGN), int(Finding.ENGINE_TORQUE_SCALE)
 _SCALE_OR_MASS, _MASS = int(Finding.ENGINE_TORQUE_OR_MASS), int(Finding.MASS)
 _INERTIA, _OFFSET = int(Finding.ENGINE_INERTIA), int(Finding.ENGINE_TORQUE_OFFSET)
+_ROAD_LOAD = int(Finding.ROAD_LOAD)
 _NONE, _UNKNOWN = 2, -1
 
 
@@ -104,6 +109,7 @@ def compare_torque(m: Any, car: Any, inputs: Any, dt: float) -> None:
         loss = car.efficiency if y > x_1 else 1.0 / car.efficiency
         y, x_1 = y * loss, x_1 * loss  # not x_2: it would jump as the power turns, and the load with it
         x_2 = (car.inertia / ratio + car.shaft_inertia[carrier] * ratio * loss) * m.dw_b
+        add_grade(m, car, (y - x_1 - x_2) * ratio, dt)
     if begins or math.isnan(m.mean[0]):
         m.mean[0], m.mean[1], m.mean[2] = y, x_1, x_2
     share = -math.expm1(-dt / LASTING_S)
@@ -122,6 +128,25 @@ def compare_torque(m: Any, car: Any, inputs: Any, dt: float) -> None:
     m.sum_xy[1] = m.sum_xy[1] * fade + x_2 * y
     m.sum_yy = m.sum_yy * fade + y * y
     m.sum_s = m.sum_s * fade + seconds
+
+
+@compiled_without_allocation
+def add_grade(m: Any, car: Any, load: float, dt: float) -> None:
+    """Add the grade that a load at the wheel means, N·m, weighed by the way."""
+    way = abs(m.w_b) * car.radius * dt
+    resistance = car.rolling + car.air * m.w_b * m.w_b
+    grade = (load - math.copysign(resistance, m.w_b)) / car.weight
+    fade = faded(way, GRADE_M)
+    m.grade_m = m.grade_m * fade + way
+    m.climb_m = m.climb_m * fade + grade * way
+
+
+@compiled_without_allocation
+def judge_grade(m: Any) -> None:
+    """Say whether the road load means a grade that no road has for so long."""
+    grade = m.climb_m / m.grade_m if m.grade_m >= GRADE_SHARE * GRADE_M else 0.0
+    steep = abs(grade)
+    decide(m, _ROAD_LOAD, grade, steep > GRADE, steep > STANDS_ON * GRADE, steep > GRADE_STRONG)
 
 
 @compiled_without_allocation
