@@ -118,7 +118,7 @@ def take_frame(k: Kalman, inputs: Any) -> None:
     else:
         gearbox.change_gears(f, tuning, inputs.gear[0], inputs.gear[1])
     one_gear.expect_open(f, seconds)
-    gearbox.let_touch(f, tuning, inputs)
+    gearbox.let_touch(f, tuning, inputs, phase_1 == _OPEN, phase_2 == _OPEN)
     gearbox.apply_phases(f, tuning, phase_1 == _OPEN, phase_2 == _OPEN)
     take_direction(inputs, f, tuning, stands, seconds)
     measure_speed(inputs, f, tuning, ENGINE_SPEED, _ENGINE, W_E, tuning.fastest_engine)

@@ -170,13 +170,18 @@ def admit_motion(f: Any, tuning: Any, phase_1: int, phase_2: int) -> None:
 
 
 @compiled_without_allocation
-def let_touch(f: Any, tuning: Any, inputs: Any) -> None:
+def let_touch(f: Any, tuning: Any, inputs: Any, open_1: bool, open_2: bool) -> None:
     """Take how much torque clutches may carry before their kissing points, if they are called open.
 
-    The pressure of plates grows with the square of their travel, or nearly so.
+    The pressure of plates grows with the square of their travel, or nearly so. One that closes may have begun to.
     """
     for i in range(2):
-        f.touch[i] = tuning.touch_torque * inputs.touches[i] ** 2
+        touch = tuning.touch_torque * inputs.touches[i] ** 2
+        if open_1 if i == 0 else open_2:
+            f.touch[i] = touch
+        elif f.touch[i] > 0.0:
+            f.P[T_C1 + i, T_C1 + i] += touch**2
+            f.touch[i] = 0.0
 
 
 @compiled_without_allocation

@@ -13,7 +13,7 @@ from typing import Any
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman.model import DT_E, R_1, T_C1, T_V, TH_D, TH_O, W_B, W_C1, W_E, W_W
-from dctorque_can.estimators.kalman.thresholds import ROLLS, ROLLS_SHARE
+from dctorque_can.estimators.kalman.thresholds import ROLLS, ROLLS_SHARE, SPINS
 from dctorque_can.estimators.kalman.tuning import SLIDING
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
@@ -25,7 +25,6 @@ _SLIPPING_SHARE = 0.15  # of a torque's rate at the wheel that slip of the tyres
 _SYNCHRONISER_SHARE = 0.5  # of a synchroniser's torque at the wheel: which gear it turns to is not known
 _ACCELERATION_TIME = 0.5  # s, for which an acceleration lasts, as far as errors of timing go
 _HELD_SHARE = 0.2  # of the largest rate, while brakes stay as they are
-_SPINS = 1000.0  # N·m/√s, from which tyres that slip shake a locked clutch
 _SPIN_SIGMA = 3.0  # standard deviations of the body's speed that driven wheels may leave it by on top
 _SPIN_TIME = 0.02  # s, for which a torque that the model makes of the spin is wrong the same way
 _DRIVEN_BRAKES = 0.5  # share of the brakes at the driven wheels
@@ -58,7 +57,7 @@ def decide_rates(f: Any, tuning: Any, phase_1: int, phase_2: int, seconds: float
         else:
             rate = abs(change) / _RECENT + shaken_rate(f, tuning, i)
             rate = max(tuning.steady_rate, min(rate, tuning.rate[_LOCKED]))
-            if phase == _LOCKED and f.spin_rate > _SPINS:
+            if phase == _LOCKED and f.spin_rate > SPINS:
                 rate = tuning.rate[_SLIPPING]
             if handover or phase == _SLIPPING:
                 rubs = i if phase == _SLIPPING else 1 - i

@@ -50,6 +50,10 @@ ROLLS_SHARE = 0.06
 ROLLS = 0.6
 """… and rad/s."""
 
+SPINS = 1000.0
+"""N·m/√s by which the tyres' torque may change, from which on they count as slipping: a locked clutch is shaken,
+and driven wheels differ by their slip."""
+
 # --- driven wheels in place of undriven ones ---
 SLIP_VARIANCE = 0.25
 """(rad/s)², of driven wheels against the body, where no wheel rolls with it."""

@@ -18,6 +18,7 @@ from dctorque_can.estimators.kalman.thresholds import (
     ROLLS_SHARE,
     SAME_TIME_US,
     SLIP_VARIANCE,
+    SPINS,
 )
 
 _FIRST = 3  # place of the first wheel among the signals
@@ -84,7 +85,10 @@ def measure_axle(inputs: Any, f: Any, tuning: Any, left: int, driven: bool, sens
     if there_r and faults.is_stuck(f, tuning, signal + 1, state, w_r, variance_r):
         there_r, fault = False, _STUCK
     together = (there_l and there_r) or near_in_time(inputs, left)
-    if fault == 0 and together and not (driven and spins_alone(f, w_l, w_r)):
+    slips = driven and (spins_alone(f, w_l, w_r) or f.spin_rate > SPINS)
+    if slips:
+        f.spread_known[axle] = False  # what they differ by now is their slip, and ends with it
+    if fault == 0 and together and not slips:
         odd = faults.odd_wheel(f, tuning, axle, state, w_l, w_r, variance_l + variance_r)
         there_l, there_r = there_l and odd != 1, there_r and odd != 2
         if odd != 0:

@@ -86,7 +86,7 @@ def test_an_open_clutch_may_touch_before_its_kissing_point(other):
     f, tuning = k.state[0], k.tuning[0]
     inputs = np.zeros(1, [("touches", "f8", (2,))]).view(np.recarray)[0]
     inputs.touches = (0.5, 0.0)
-    gearbox.let_touch(f, tuning, inputs)
+    gearbox.let_touch(f, tuning, inputs, True, other == OPEN)
     gearbox.work_out_deviations(f, k.tables, tuning)
     before = np.array([f["sigma_1"], f["sigma_2"], f["sigma_o"]])
     gearbox.admit_touch(f, tuning, OPEN, other)
@@ -95,3 +95,8 @@ def test_an_open_clutch_may_touch_before_its_kissing_point(other):
     first, second = (VEHICLE.gear(number).total_ratio for number in (1, 2))
     expected = (torque, torque, torque * (first - second)) if other == LOCKED else (torque, 0.0, torque * first)
     np.testing.assert_allclose(added, expected, rtol=1e-9, atol=1e-6)
+    inputs.touches = (1.0, 0.0)
+    known = float(f["P"][State.T_C1, State.T_C1])
+    for _ in range(2):  # as it closes, and once
+        gearbox.let_touch(f, tuning, inputs, False, other == OPEN)
+        assert f["P"][State.T_C1, State.T_C1] == pytest.approx(known + DESIGN.touch_torque_nm**2)
