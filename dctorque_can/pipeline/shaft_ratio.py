@@ -9,11 +9,15 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.parameters import MAX_GEAR
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.estimators.inputs import SPEED_1, STANDSTILL, usable, wheel_speeds
+from dctorque_can.pipeline.thresholds import HELD_US
 
 
 @compiled_without_allocation
 def follow_ratio(core: Any, inputs: Any, rules: Any, gears: Any, i: int) -> None:
     """Decide the gear of shaft i; slow, it is kept, and at rest the lowest is expected and not known.
+
+    While its clutch is told to be closed no gear is left for neutral: a shaft that does not turn with the wheels
+    then winds up or rings. In the end its gear is not known.
 
     Args:
         core: `rules.CORE`.
@@ -40,15 +44,18 @@ def follow_ratio(core: Any, inputs: Any, rules: Any, gears: Any, i: int) -> None
             best, error = gear, this
     present = gears.gear[i]
     tolerance = rules.release_tolerance if best == present else rules.engage_tolerance
+    closed = inputs.closed_known[i] and inputs.closed[i] and present != 0
+    holds = closed and gears.gear_known[i]
     wanted = best if error < tolerance else 0
     if wanted == present and gears.gear_known[i]:
         core.candidate_us[i] = NEVER
     elif core.candidate_us[i] == NEVER or wanted != core.gear_candidate[i]:
         core.gear_candidate[i] = wanted
         core.candidate_us[i] = inputs.t_us
-    elif inputs.t_us - core.candidate_us[i] >= rules.confirm_us:
-        gears.gear[i] = wanted
-        gears.gear_known[i] = True
+    elif inputs.t_us - core.candidate_us[i] >= (max(rules.confirm_us, HELD_US) if holds else rules.confirm_us):
+        gears.gear_known[i] = wanted != 0 or not closed
+        if gears.gear_known[i]:
+            gears.gear[i] = wanted
         core.candidate_us[i] = NEVER
 
 

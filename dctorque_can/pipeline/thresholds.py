@@ -19,3 +19,6 @@ TIE_UP_NM = 20.0
 0.25 m/s². Less than the standard deviations within a shift (10 to 25 N·m) would be suspected in every one."""
 MOST_POWER_W = 1e7
 """No clutch survives a tenth of it; energies stay finite whatever the inputs say."""
+HELD_US = 1_000_000
+"""For so long a shaft whose clutch is told to be closed may turn as no gear, or another one, lets it: no sleeve
+moves under torque, and the driveline has rung itself out by then."""
