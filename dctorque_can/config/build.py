@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from cantools.database.can import Database
 
+from dctorque_can.config.cycle_times import note_missing_cycle_times
 from dctorque_can.config.document import Document
 from dctorque_can.config.estimation import (
     GEAR_SOURCES,
@@ -82,6 +83,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     protections = _protections(document, builder)
     _note_missing_axle(document, builder, vehicle)
     _note_untold_signs(document, builder)
+    if database is not None:
+        note_missing_cycle_times(document, builder.entries)
     if estimator is not None:
         _check_missing_shafts(document, estimator, isinstance(gear_source, GearInference))
         _check_phases(document, estimator, phases)
