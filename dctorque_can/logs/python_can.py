@@ -35,6 +35,7 @@ class PythonCanFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
         self.problems: list[str] = []
         self.fraction = 0.0
         self._numbers = ChannelNumbers()
@@ -101,6 +102,7 @@ class PythonCanTextFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
         self.fraction = 0.0
         self._suffix = suffix
         self._numbers = ChannelNumbers()

@@ -22,6 +22,10 @@ class FrameSource(Protocol):
         """What could not be read, one line each."""
 
     @property
+    def unread(self) -> list[str]:
+        """What the file holds beside what was read, such as topics."""
+
+    @property
     def fraction(self) -> float:
         """Share of the file that has been read."""
 
@@ -51,6 +55,11 @@ class LogReader:
     def problems(self) -> list[str]:
         """What could not be read (truncated, corrupt places), one line each; complete after `frames`."""
         return self._source.problems
+
+    @property
+    def unread(self) -> list[str]:
+        """What the file holds beside what was read, such as ``/imu (sensor_msgs/msg/Imu)``; after `frames`."""
+        return self._source.unread
 
     @property
     def fraction(self) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.traffic import MappedMessage, Traffic
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
@@ -28,7 +29,7 @@ from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
 from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
-from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,21 @@ class ReplayTargets:
 
 
 @dataclass(frozen=True)
+class Held:
+    """What one log holds.
+
+    Attributes:
+        log: its path.
+        frames: read of it.
+        unread: what else is in it, such as topics with their types.
+    """
+
+    log: str
+    frames: int
+    unread: list[str]
+
+
+@dataclass(frozen=True)
 class ReplayResult:
     """What a replay did.
 
@@ -77,6 +93,8 @@ class ReplayResult:
         bus_seconds: time that the frames span; a step back of the clock takes nothing away.
         problems: what could not be read, one line each.
         health: counters of the estimator.
+        traffic: what the frames are.
+        logs: what each log holds.
         errors: against the truth, when that was asked for.
     """
 
@@ -91,11 +109,20 @@ class ReplayResult:
     bus_seconds: float
     problems: list[str]
     health: dict[str, Any]
+    traffic: Traffic
+    logs: list[Held]
     errors: dict[str, ErrorFigures] | None
 
     def as_json(self) -> dict[str, Any]:
         """Return the result for scripts."""
-        return asdict(self) | {"output": None if self.output is None else str(self.output)}
+        left = ("traffic", "output", "logs", "errors")
+        words: dict[str, Any] = {name: value for name, value in vars(self).items() if name not in left}
+        return words | {
+            "output": None if self.output is None else str(self.output),
+            "traffic": self.traffic.as_json(),
+            "logs": [asdict(held) for held in self.logs],
+            "errors": None if self.errors is None else {name: asdict(e) for name, e in self.errors.items()},
+        }
 
 
 def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config:
@@ -162,10 +189,13 @@ def replay_logs(
         with replay:
             truth = [truth_of(reader.path) for reader in logs] if content.truth else []
             read = 0.5 if content.smooth else 1.0  # share of reading in the whole
+            held: list[Held] = []
             for number, reader in enumerate(logs):
+                before = replay.traffic.frames
                 for frames in reader.frames():
                     replay.take(frames)
                     progress(read * (number + reader.fraction) / len(logs))
+                held.append(Held(str(reader.path), replay.traffic.frames - before, reader.unread))
             replay.smooth(lambda fraction: progress(read + (1.0 - read) * fraction))
             errors = replay.compare(np.concatenate(truth)) if truth else None
     except DctorqueError:
@@ -174,7 +204,7 @@ def replay_logs(
         raise
     return ReplayResult(
         output=targets.log,
-        frames=replay.frames,
+        frames=replay.traffic.frames,
         estimates=replay.status.estimates,
         smoothed=content.smooth,
         valid_estimates=replay.status.having(BOTH_CLUTCHES),
@@ -184,15 +214,29 @@ def replay_logs(
         bus_seconds=replay.time.seconds,
         problems=[problem for reader in logs for problem in reader.problems],
         health=replay.health,
+        traffic=replay.traffic,
+        logs=held,
         errors=errors,
     )
+
+
+def mapped_messages(config: Config) -> dict[int, MappedMessage]:
+    """Return the messages that inputs come from, by their identifier."""
+    names = {term.message for entry in config.inputs for term in entry.terms}
+    return {
+        message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0): MappedMessage(
+            message.name, message.length
+        )
+        for message in config.database.messages
+        if message.name in names
+    }
 
 
 class _Replay:
     """One pass: the chain, its targets, and what went through."""
 
     def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
-        self.frames = 0
+        self.traffic = Traffic(mapped_messages(config))
         self.status = StatusShares()
         self.time = TrafficTime()
         self._config = config
@@ -225,7 +269,7 @@ class _Replay:
     def take(self, frames: Frames) -> None:
         """Do the whole job for one batch; if estimates are to be smoothed, only up to them."""
         self.time.take(frames.t_us)
-        self.frames += len(frames)
+        self.traffic.take(frames)
         estimates = self._chain.feed(frames)
         if not self._content.smooth:
             self._give(frames, estimates)

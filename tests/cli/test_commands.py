@@ -10,6 +10,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 
 from dctorque_can import __version__
@@ -105,6 +106,35 @@ def test_replay_names_the_inputs_that_never_came_and_counts_what_is_valid(dctorq
     assert "never received a usable value of: " in partly.err
     assert "shaft1_speed" in partly.err
     assert ("none of the" in partly.err) == bool(result["estimates"])
+
+
+def test_a_log_of_which_nothing_can_be_used_is_told(dctorque, tmp_path: Path) -> None:
+    """Exit code 3, and one sentence that says what is there and what is missing."""
+    (tmp_path / "other.log").write_text("(1700000000.000000) can0 7E8#0102\n(1700000000.010000) can0 7E8#0102\n")
+    told = dctorque("replay", "other.log", "-c", PAPER, "-o", "x.mcap")
+    assert told.code == 3
+    assert (
+        "none of the 2 frames has a mapped identifier: the log holds 7E8 (2); mapped are 100 EngineData"
+        in told.err
+    )
+    told = dctorque("replay", "x.mcap", "-c", PAPER, "-o", "y.mcap")
+    assert told.code == 3
+    assert "x.mcap: the log holds no frames; it holds /dctorque/" in told.err
+
+
+def test_frames_out_of_order_and_a_clock_that_goes_back_are_told(dctorque, tmp_path: Path) -> None:
+    dctorque("simulate", "-o", "drive.blf", "--duration", 2)
+    with open_log(tmp_path / "drive.blf") as log:
+        frames = Frames.concatenate(log.frames())
+    order = np.arange(len(frames)).reshape(-1, 4)[:, ::-1].ravel()
+    write_frames(tmp_path / "shuffled.blf", frames[order])
+    told = dctorque("replay", "shuffled.blf", "-c", PAPER, "-o", "x.mcap")
+    assert told.code == 3
+    assert "mapped frames (" in told.err
+    assert "are late" in told.err
+    told = dctorque("replay", "drive.blf", "drive.blf", "-c", PAPER, "-o", "x.mcap", "--force")
+    assert told.code == 3
+    assert "the clock of the log went back once" in told.err
 
 
 def test_replay_smooths(dctorque, tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ class BlfFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
         self.fraction = 0.0
         self._size = path.stat().st_size
         self._places: list[str] = []

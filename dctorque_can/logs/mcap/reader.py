@@ -67,6 +67,16 @@ class McapFrames:
         return lines
 
     @property
+    def unread(self) -> list[str]:
+        """Topics of no frames with their types, complete when the frames have been read."""
+        definitions = self.file.definitions
+        return [
+            f"{channel.topic} ({definitions.type_of(channel)[0] or channel.message_encoding or 'no schema'})"
+            for number, channel in sorted(definitions.channels.items(), key=lambda item: item[1].topic)
+            if not self._topics.kind[number]
+        ]
+
+    @property
     def fraction(self) -> float:
         """Share of the file that has been read."""
         return self.file.position / self.file.size

@@ -94,6 +94,7 @@ class TextFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
         self.fraction = 0.0
         self._format = line_format
         self._size = path.stat().st_size
