@@ -32,6 +32,7 @@ _BASE_SIZE = OBJ_HEADER_BASE_STRUCT.size
 _CONTAINERS_AT_ONCE = 16
 _ROWS_AT_ONCE = 1 << 16
 _LARGEST_CONTAINER = 64 << 20  # packed or unpacked; those of Vector's tools hold 128 kB
+_BARE_AT_ONCE = 1 << 20
 _ENOUGH = 8 << 20  # bytes of containers that are read together at most
 _MOST_PLACES = 20  # damaged places that are told one by one
 
@@ -48,6 +49,7 @@ class BlfFrames:
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.unread: list[str] = []
+        self.start_us: int | None = None
         self.fraction = 0.0
         self._size = path.stat().st_size
         self._places: list[str] = []
@@ -131,11 +133,24 @@ class BlfFrames:
                 follows = data is not None and not self._cut
                 if self._cut:  # or its size is wrong, and others follow
                     following = self._next_container(file, position)
+            else:  # objects outside of containers, up to the next container
+                following = self._next_container(file, position)
+                yield from self._bare(file, position, following)
+                follows = False
             position = following
         if position > self._size + 3 and position == self._start:
             self._note(0, f"the header says that the first container begins at byte {position}")
         elif self._size - position > 3:
             self._note(position, "the file ends inside a container")
+
+    def _bare(self, file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, bool]]:
+        """Yield what stands outside of containers, piece by piece."""
+        file.seek(start)
+        follows = False
+        while start < end and (data := file.read(min(end - start, _BARE_AT_ONCE))):
+            start += len(data)
+            yield data, follows
+            follows = True
 
     def _next_container(self, file: BinaryIO, position: int) -> int:
         """Return where the next container after ``position`` begins, or the size of the file."""
