@@ -36,6 +36,7 @@ class PythonCanFrames:
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.unread: list[str] = []
+        self.start_us: int | None = None
         self.problems: list[str] = []
         self.fraction = 0.0
         self._numbers = ChannelNumbers()
@@ -103,6 +104,7 @@ class PythonCanTextFrames:
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.unread: list[str] = []
+        self.start_us: int | None = None
         self.fraction = 0.0
         self._suffix = suffix
         self._numbers = ChannelNumbers()
@@ -150,8 +152,8 @@ class PythonCanTextFrames:
 def _text(path: Path, descriptor: int) -> TextIO:
     if path.suffix.lower() == ".gz":
         raw = open(descriptor, "rb", closefd=False)  # noqa: SIM115 - closed with the text
-        return gzip.open(raw, "rt", encoding="utf-8", errors="replace")
-    return open(descriptor, encoding="utf-8", errors="replace", closefd=False)
+        return gzip.open(raw, "rt", encoding="utf-8-sig", errors="replace")
+    return open(descriptor, encoding="utf-8-sig", errors="replace", closefd=False)
 
 
 def _batches(

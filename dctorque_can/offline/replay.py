@@ -24,7 +24,7 @@ from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
 from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.output_file import remove_partial
-from dctorque_can.logs.reader import LogReader
+from dctorque_can.logs.reader import LogReader, open_log
 from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
 from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
@@ -148,10 +148,13 @@ def truth_source(log: Path) -> Path:
     """
     plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
     if plain.suffix.lower() == ".asc":
-        raise DctorqueError(
-            f"{log}: its times count from the first frame, those of the truth from 1970: "
-            "there is no comparing them; simulate to .mcap, .blf or .log"
-        )
+        with open_log(log) as reader:
+            dated = reader.start_us is not None
+        if not dated:
+            raise DctorqueError(
+                f"{log}: names no date that is understood. So its times count from the first frame, those of "
+                "the truth from 1970: there is no comparing them; simulate to .mcap, .blf or .log"
+            )
     source = truth_path(plain)
     if source != log and not source.exists():
         raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {_NEEDED}")
@@ -192,7 +195,7 @@ def replay_logs(
             held: list[Held] = []
             for number, reader in enumerate(logs):
                 before = replay.traffic.frames
-                for frames in reader.frames():
+                for frames in reader.dated_frames():
                     replay.take(frames)
                     progress(read * (number + reader.fraction) / len(logs))
                 held.append(Held(str(reader.path), replay.traffic.frames - before, reader.unread))

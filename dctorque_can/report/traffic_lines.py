@@ -81,9 +81,10 @@ def short_lines(traffic: Traffic) -> list[str]:
     for can_id, message in sorted(traffic.messages.items()):
         if message.short:
             known = traffic.mapped[can_id]
+            count = f"{message.short} of {message.frames} frames are shorter"
             lines.append(
-                f"{known.name} ({identifier_text(can_id)}): {message.short} of {message.frames} frames are shorter than "
-                f"the {known.length} bytes of the DBC, down to {message.shortest}"
+                f"{known.name} ({identifier_text(can_id)}): {count} than the {known.length} bytes "
+                f"of the DBC, down to {message.shortest}"
             )
     return lines
 

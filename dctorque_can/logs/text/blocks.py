@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.logs.columns import FrameColumns
+from dctorque_can.logs.formats import BOM
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.logs.text.scan import END_OF_BLOCK, LONGEST_NAME, NEW_CHANNEL, NO_ROOM, lines_end
 from dctorque_can.pipeline.frames import Frames
@@ -41,10 +42,15 @@ class LineFormat(Protocol):
     """One text format.
 
     Attributes:
-        warnings: what a user should know of this file before he trusts it, one line each.
+        warnings: what a user should know of this file before he trusts it, one line each; may grow.
+        start_us: µs since 1970 at which times count from 0; None where they do not, or the file does not say.
     """
 
     warnings: list[str]
+    start_us: int | None
+
+    def plain(self, block: bytes) -> bytes:
+        """Return a block of whole lines as `parse` reads it, line for line."""
 
     def parse(
         self,
@@ -95,6 +101,7 @@ class TextFrames:
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self.unread: list[str] = []
+        self.start_us = line_format.start_us
         self.fraction = 0.0
         self._format = line_format
         self._size = path.stat().st_size
@@ -104,16 +111,17 @@ class TextFrames:
         self._line = 1
         self._bad_lines = 0
         self._first_bad_line = ""
-        self._problems = [f"{path}: {warning}" for warning in line_format.warnings]
+        self._problems: list[str] = []
 
     @property
     def problems(self) -> list[str]:
         """What could not be read, one line each; complete when the frames have been read."""
+        problems = [*(f"{self.path}: {warning}" for warning in self._format.warnings), *self._problems]
         if not self._bad_lines:
-            return self._problems
+            return problems
         return [
             f"{self.path}: {self._bad_lines} lines can not be read, the first is {self._first_bad_line}",
-            *self._problems,
+            *problems,
         ]
 
     def close(self) -> None:
@@ -122,7 +130,7 @@ class TextFrames:
     def frames(self) -> Iterator[Frames]:
         """Yield the frames block by block."""
         for block in self._blocks():
-            yield from self._parse(block)
+            yield from self._parse(self._format.plain(block))
             self._line += block.count(b"\n")
         self.fraction = 1.0
 
@@ -131,7 +139,10 @@ class TextFrames:
         rest = b""
         ends_lines = False
         too_long = False  # the line that goes on is, and is left out
+        begins = True
         for part in self._bytes():
+            if begins and part:
+                begins, part = False, part.removeprefix(BOM)
             if too_long:
                 start = part.find(b"\n") + 1
                 if not start:

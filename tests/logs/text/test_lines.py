@@ -150,10 +150,12 @@ def test_decimal_asc(tmp_path):
     )
 
 
-def test_relative_asc_times_are_told(tmp_path):
+def test_relative_asc_times_are_summed(tmp_path):
     path = tmp_path / "x.asc"
-    path.write_text("base hex  timestamps relative\ninternal events logged\n0.5 1 1 Rx d 1 01\n")
-    assert "timestamps" in read(path)[1].problems[0]
+    path.write_text("base hex  timestamps relative\ninternal events logged\n" + 3 * "0.5 1 1 Rx d 1 01\n")
+    frames, log = read(path)
+    assert frames.t_us.tolist() == [500_000, 1_000_000, 1_500_000]
+    assert log.problems == []
 
 
 @given(st.integers(0, 4_000_000_000_000_000), st.integers(0, 12))
