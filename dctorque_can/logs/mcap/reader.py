@@ -47,6 +47,7 @@ from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.pipeline.frames import Frames
 
 _CHANNELS = 1 << 16
+_BATCH = 10_000
 _KINDS = {CAN_FRAME: CLASSIC, OUR_FD_FRAME: FD}
 
 
@@ -140,6 +141,7 @@ class McapFrames:
     def _decoded(
         self, span: NDArray[np.uint8], decoders: Mapping[int, Decoder], damaged: Callable[[], None]
     ) -> Frames:
+        parts: list[Frames] = []
         found: list[can.Message] = []
         for message in messages(span.tobytes()):
             decoder = decoders.get(message.channel)
@@ -153,7 +155,10 @@ class McapFrames:
             topic = self._buses[message.channel]
             frame.channel = topic if frame.channel is None else f"{topic}/{frame.channel}"
             found.append(frame)
-        return frames_from_messages(found, self._numbers)
+            if len(found) == _BATCH:
+                parts.append(frames_from_messages(found, self._numbers))
+                found = []
+        return Frames.concatenate([*parts, frames_from_messages(found, self._numbers)])
 
     def _learn_channels(self) -> None:
         definitions = self.file.definitions

@@ -6,7 +6,6 @@ thereby the rule for what a line means, and the oracle of the tests.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -20,14 +19,13 @@ from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.formats import BOM
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.logs.text.scan import END_OF_BLOCK, LONGEST_NAME, NEW_CHANNEL, NO_ROOM, lines_end
+from dctorque_can.logs.text.unzip import pieces
 from dctorque_can.pipeline.frames import Frames
 
-BLOCK_SIZE = 4 << 20
 _LONGEST_LINE = 1 << 20
 _MOST_NAMES = 256  # more channels than `Frames` can tell apart are left to python-can
 _MOST_LINES = 4096
 _ROWS_AT_ONCE = 1 << 16
-_GZIP = 31  # zlib's word for a gzip header
 
 
 class LastLine(Enum):
@@ -104,7 +102,6 @@ class TextFrames:
         self.start_us = line_format.start_us
         self.fraction = 0.0
         self._format = line_format
-        self._size = path.stat().st_size
         self._channels = ChannelNumbers()
         self._names = np.zeros((0, LONGEST_NAME), np.uint8)
         self._numbers = np.zeros(0, np.uint8)
@@ -180,25 +177,10 @@ class TextFrames:
         return kind is LastLine.PART
 
     def _bytes(self) -> Iterator[bytes]:
-        zipped = self.path.suffix.lower() == ".gz"
-        inflate = zlib.decompressobj(_GZIP)
-        with self.path.open("rb") as file:
-            while part := file.read(BLOCK_SIZE // (8 if zipped else 1)):
-                self.fraction = file.tell() / max(self._size, 1)
-                while zipped and part:
-                    try:
-                        yield inflate.decompress(part, BLOCK_SIZE)  # never more at once, whatever it unpacks to
-                    except zlib.error as error:
-                        self._problems.append(f"{self.path}: compressed data are damaged: {error}")
-                        return
-                    part = inflate.unconsumed_tail or inflate.unused_data
-                    if inflate.eof and part:
-                        inflate = zlib.decompressobj(_GZIP)
-                if not zipped:
-                    yield part
-        if zipped and not inflate.eof:
-            yield inflate.flush()
-            self._problems.append(f"{self.path}: the compressed file is cut off")
+        def read(share: float) -> None:
+            self.fraction = share
+
+        return pieces(self.path, read, lambda problem: self._problems.append(f"{self.path}: {problem}"))
 
     def _parse(self, block: bytes) -> Iterator[Frames]:
         data = np.frombuffer(block, np.uint8)
@@ -234,7 +216,8 @@ class TextFrames:
             frames.data[row:stop, : part.data.shape[1]] = part.data
             position, row = end, stop
         if row:
-            yield frames[:row]
+            # of few frames a copy, so that the room for many does not stay
+            yield frames[:row] if 2 * row > len(frames) else frames[:row].copy()
 
     @staticmethod
     def _width(block: bytes) -> int:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
 import re
-import zlib
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
@@ -14,6 +12,7 @@ import can
 
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.logs.text.csv_dialect import CsvDialect
+from dctorque_can.logs.text.unzip import text_of
 from dctorque_can.pipeline.frames import Frames
 
 _BATCH = 10_000
@@ -57,25 +56,22 @@ class CsvFrames:
 
     def frames(self) -> Iterator[Frames]:
         """Yield the frames in batches."""
-        size = max(self.path.stat().st_size, 1)
-        with self.path.open("rb") as raw:
-            zipped = self.path.suffix.lower() == ".gz"
-            with (
-                gzip.open(raw, "rt", encoding="utf-8-sig", errors="replace")
-                if zipped
-                else open(raw.fileno(), encoding="utf-8-sig", errors="replace", closefd=False)
-            ) as text:
-                messages = self._messages(text)
-                batch: list[can.Message] = []
-                for message in messages:
-                    batch.append(message)
-                    if len(batch) == _BATCH:
-                        yield frames_from_messages(batch, self._numbers)
-                        batch = []
-                        self.fraction = min(raw.tell() / size, 1.0)
-                if batch:
+        with text_of(self.path, self._note_share, self._note_problem) as text:
+            batch: list[can.Message] = []
+            for message in self._messages(text):
+                batch.append(message)
+                if len(batch) == _BATCH:
                     yield frames_from_messages(batch, self._numbers)
+                    batch = []
+            if batch:
+                yield frames_from_messages(batch, self._numbers)
         self.fraction = 1.0
+
+    def _note_share(self, share: float) -> None:
+        self.fraction = share
+
+    def _note_problem(self, problem: str) -> None:
+        self._problems.append(f"{self.path}: {problem}")
 
     def close(self) -> None:
         """Nothing stays open."""
@@ -83,11 +79,7 @@ class CsvFrames:
     def _messages(self, text: TextIO) -> Iterator[can.Message]:
         number = 0
         while True:
-            try:
-                line = text.readline(_LONGEST_LINE)
-            except (EOFError, zlib.error, OSError) as error:
-                self._problems.append(f"{self.path}: compressed data are damaged or cut off: {error}")
-                return
+            line = text.readline(_LONGEST_LINE)
             if not line:
                 return
             number += 1

@@ -244,7 +244,7 @@ def test_a_last_line_without_line_end(tmp_path, suffix, last, frames, words, zip
 
 
 def test_lines_across_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr("dctorque_can.logs.text.blocks.BLOCK_SIZE", 1000)
+    monkeypatch.setattr("dctorque_can.logs.text.unzip.BLOCK_SIZE", 1000)
     frames = frames_of([frame(START + 100 * i, 0x100, i.to_bytes(4, "big"), channel=i % 3) for i in range(500)])
     for suffix in (".log", ".asc"):
         path = tmp_path / f"x{suffix}"
