@@ -157,7 +157,7 @@ def _load(
     can = validate(document, ("can",), CanSection)
     logging = validate(document, ("logging",), LoggingSection)
     output = files.output(database)
-    problems = sorted(document.problems, key=problem_order)
+    problems = sorted(document.without_consequences(), key=problem_order)
     sound = parts is not None and database is not None and can and logging and output
     if not sound or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)

@@ -251,6 +251,46 @@ def test_a_dbc_that_loads_only_laxly_says_so(write) -> None:
     assert load_config(path, {"databases.0.strict": "false"}).name == "paper car"
 
 
+TAGS = [
+    "!!timestamp x",
+    "!!bool x",
+    "!!int x",
+    "!!float x",
+    "!!binary x",
+    "!!set {a}",
+    "!!omap [a: 1]",
+    "!foo x",
+    "!!map [a]",
+]
+
+
+@pytest.mark.parametrize("value", TAGS)
+@pytest.mark.parametrize(
+    "key", ["name", "vehicle.chassis.mass_kg", "inputs.engine_speed", "estimator.method", "can.fd"]
+)
+def test_a_tag_is_one_clear_error(write, value, key) -> None:
+    path = write({key: "REPLACED"})
+    text = path.read_text()
+    path.write_text(text.replace("REPLACED", value))
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    errors = [p for p in caught.value.problems if p.severity == "error" and not p.key.startswith("databases")]
+    assert [error.key for error in errors] == [key]
+    assert errors[0].reason.startswith("not understood: ")
+    assert value.split()[0] in errors[0].reason
+    assert "leave" in errors[0].reason
+
+
+@pytest.mark.parametrize("tag", ["!!timestamp", "!!bool", "!!int", "!foo", "!!binary"])
+def test_a_tagged_key_is_one_clear_error(write, tag) -> None:
+    path = write({})
+    path.write_text(path.read_text() + f"{tag} extra: 1\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    (error,) = caught.value.problems
+    assert "a key must be a word or a whole number" in error.reason
+
+
 def test_a_broken_line_of_a_dbc_that_nobody_needs_is_a_warning(write) -> None:
     path = write({"databases.1": {"file": "other.dbc"}})
     other = path.parent / "other.dbc"
