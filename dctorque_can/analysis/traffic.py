@@ -24,10 +24,12 @@ class MappedMessage:
     Attributes:
         name: of the DBC.
         length: its bytes by the DBC.
+        needed: its first bytes, in which all mapped signals and what protects them lie.
     """
 
     name: str
     length: int
+    needed: int
 
 
 @dataclass(slots=True)

@@ -130,9 +130,11 @@ def _tell_what_is_held(result: ReplayResult) -> bool:
 
     lines = [holds_no_frames(held.log, held.unread) for held in result.logs if not held.frames]
     if result.traffic.frames:
-        lines += [*missing_lines(result.traffic, result.health), *short_lines(result.traffic)]
+        lines += [*missing_lines(result.traffic, result.health), *short_lines(result.traffic, lacking=True)]
     for line in lines:
         warn(line)
+    for line in short_lines(result.traffic, lacking=False):
+        say(line)
     for held in result.logs:
         others = not_our_own(held.unread)
         if held.frames and others:

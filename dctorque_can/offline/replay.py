@@ -16,6 +16,7 @@ from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.analysis.traffic import MappedMessage, Traffic
 from dctorque_can.bus.columns import MessageColumns
+from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
@@ -225,14 +226,17 @@ def replay_logs(
 
 def mapped_messages(config: Config) -> dict[int, MappedMessage]:
     """Return the messages that inputs come from, by their identifier."""
-    names = {term.message for entry in config.inputs for term in entry.terms}
-    return {
-        message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0): MappedMessage(
-            message.name, message.length
-        )
-        for message in config.database.messages
-        if message.name in names
-    }
+    mapped: dict[str, set[str]] = {}
+    for term in (term for entry in config.inputs for term in entry.terms):
+        mapped.setdefault(term.message, set()).add(term.signal)
+    found: dict[int, MappedMessage] = {}
+    for message in config.database.messages:
+        if message.name in mapped:
+            protection = next((p for p in config.protections if p.message == message.name), None)
+            needed = bytes_needed(message, mapped[message.name], protection)
+            can_id = message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0)
+            found[can_id] = MappedMessage(message.name, message.length, needed)
+    return found
 
 
 class _Replay:

@@ -75,16 +75,24 @@ def _channel_lines(traffic: Traffic) -> list[str]:
     ]
 
 
-def short_lines(traffic: Traffic) -> list[str]:
-    """Return which mapped messages have frames that are shorter than their DBC says, one line each."""
+def short_lines(traffic: Traffic, lacking: bool) -> list[str]:
+    """Return which mapped messages have frames that are shorter than their DBC says, one line each.
+
+    With ``lacking`` those in which something is missing that is mapped, else those in which nothing is.
+    """
     lines = []
     for can_id, message in sorted(traffic.messages.items()):
-        if message.short:
+        if message.short and lacking == (message.shortest < traffic.mapped[can_id].needed):
             known = traffic.mapped[can_id]
+            what = (
+                "mapped signals behind the end are not available, and a counter or CRC there is an error"
+                if lacking
+                else "all mapped signals lie inside"
+            )
             count = f"{message.short} of {message.frames} frames are shorter"
             lines.append(
                 f"{known.name} ({identifier_text(can_id)}): {count} than the {known.length} bytes "
-                f"of the DBC, down to {message.shortest}"
+                f"of the DBC, down to {message.shortest}; {what}"
             )
     return lines
 

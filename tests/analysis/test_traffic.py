@@ -6,7 +6,7 @@ from dctorque_can.analysis.traffic import MappedMessage, Traffic, identifier_tex
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 from dctorque_can.report.traffic_lines import holds_no_frames, missing_lines, not_our_own, short_lines
 
-MAPPED = {0x100: MappedMessage("Engine", 8), 0x18FEF100 | EXTENDED_ID: MappedMessage("Road", 4)}
+MAPPED = {0x100: MappedMessage("Engine", 8, 6), 0x18FEF100 | EXTENDED_ID: MappedMessage("Road", 4, 4)}
 CALM = {"late_frames": 0, "clock_resets": 0}
 
 
@@ -75,9 +75,13 @@ def test_two_channels_with_mapped_identifiers():
 def test_short_frames():
     rows = [(0x100, 8, 0, 0), (0x100, 6, 0, 0), (0x100, 5, 0, 0), (0x100, 0, 0, int(FrameFlag.REMOTE))]
     traffic = counted(rows, [(0x18FEF100 | EXTENDED_ID, 64, 0, 0)])
-    assert short_lines(traffic) == [
-        "Engine (100): 2 of 3 frames are shorter than the 8 bytes of the DBC, down to 5"
-    ]
+    assert short_lines(traffic, lacking=False) == []
+    (line,) = short_lines(traffic, lacking=True)
+    assert line.startswith(
+        "Engine (100): 2 of 3 frames are shorter than the 8 bytes of the DBC, down to 5; mapped"
+    )
+    (line,) = short_lines(counted(rows[:2]), lacking=False)
+    assert line.endswith("down to 6; all mapped signals lie inside")
     assert traffic.as_json()["short_frames"] == {"Engine": {"frames": 2, "shortest": 5}}
 
 
