@@ -347,7 +347,7 @@ def test_a_short_multiplexed_frame_gives_what_it_has_and_flags_the_rest():
 
 
 def bits_of(signal):
-    """Return the numbers of the bits of a signal, 8 * byte + bit: Motorola ones go along the rows of the matrix."""
+    """Return the numbers of the bits of a signal, 8 * byte + bit; Motorola ones go along the rows."""
     if signal.byte_order == "little_endian":
         return [signal.start + k for k in range(signal.length)]
     row = [8 * byte + bit for byte in range(64) for bit in range(7, -1, -1)]
