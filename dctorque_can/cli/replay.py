@@ -125,6 +125,7 @@ def _tell_what_is_held(result: ReplayResult) -> bool:
         missing_lines,
         not_our_own,
         short_lines,
+        sorted_frames,
         unread_topics,
     )
 
@@ -135,6 +136,9 @@ def _tell_what_is_held(result: ReplayResult) -> bool:
         warn(line)
     for line in short_lines(result.traffic, lacking=False):
         say(line)
+    for held in result.logs:
+        if held.sorted_frames:
+            say(sorted_frames(held.log, held.sorted_frames, held.frames, held.sorted_by_us))
     for held in result.logs:
         others = not_our_own(held.unread)
         if held.frames and others:

@@ -59,6 +59,7 @@ class Parts:
     settings: Settings
     protections: tuple[Protection, ...]
     entries: tuple[InputEntry, ...]
+    reorder_us: int | None
 
 
 def build_parts(document: Document, database: Database | None) -> Parts | None:
@@ -108,7 +109,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         max_gap_us=microseconds(estimator.max_gap_ms),
         max_step_back_us=microseconds(estimator.max_step_back_ms),
     )
-    return Parts(settings, protections, tuple(builder.entries))
+    reorder_us = None if estimator.reorder_ms is None else microseconds(estimator.reorder_ms)
+    return Parts(settings, protections, tuple(builder.entries), reorder_us)
 
 
 def _speed_resolutions(entries: Iterable[InputEntry]) -> tuple[float, ...]:

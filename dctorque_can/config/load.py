@@ -62,6 +62,7 @@ class Config:
     logging: LoggingSection
     documents: dict[str, bytes]
     entries: tuple[InputEntry, ...]
+    reorder_us: int | None
     warnings: tuple[Problem, ...]
 
     @property
@@ -177,6 +178,7 @@ def _load(
         logging=logging,
         documents=documents,
         entries=parts.entries,
+        reorder_us=parts.reorder_us,
         warnings=tuple(problems),
     )
 

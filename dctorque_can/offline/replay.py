@@ -26,6 +26,7 @@ from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
 from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.output_file import remove_partial
 from dctorque_can.logs.reader import LogReader, open_log
+from dctorque_can.logs.reorder import Reorder
 from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
 from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
@@ -71,11 +72,15 @@ class Held:
         log: its path.
         frames: read of it.
         unread: what else is in it, such as topics with their types.
+        sorted_frames: that stood behind one of a later time and were put in order.
+        sorted_by_us: by how much at most.
     """
 
     log: str
     frames: int
     unread: list[str]
+    sorted_frames: int
+    sorted_by_us: int
 
 
 @dataclass(frozen=True)
@@ -138,6 +143,9 @@ def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config
     return load_documents(documents, overrides)
 
 
+REORDER_US = 100_000
+"""Window within which frames of others' logs are sorted, where the vehicle file gives none."""
+
 _NEEDED = "comparing needs a log of `dctorque simulate`"
 
 
@@ -196,10 +204,12 @@ def replay_logs(
             held: list[Held] = []
             for number, reader in enumerate(logs):
                 before = replay.traffic.frames
-                for frames in reader.dated_frames():
+                order = Reorder(reorder_window_us(reader, config))
+                for frames in order.sorted(reader.dated_frames()):
                     replay.take(frames)
                     progress(read * (number + reader.fraction) / len(logs))
-                held.append(Held(str(reader.path), replay.traffic.frames - before, reader.unread))
+                count = replay.traffic.frames - before
+                held.append(Held(str(reader.path), count, reader.unread, order.moved, order.furthest_us))
             replay.smooth(lambda fraction: progress(read + (1.0 - read) * fraction))
             errors = replay.compare(np.concatenate(truth)) if truth else None
     except DctorqueError:
@@ -222,6 +232,13 @@ def replay_logs(
         logs=held,
         errors=errors,
     )
+
+
+def reorder_window_us(log: LogReader, config: Config) -> int:
+    """Return within which time the frames of a log are sorted: our own logs are as the estimator saw the bus."""
+    if config.reorder_us is not None:
+        return config.reorder_us
+    return 0 if log.documents else REORDER_US
 
 
 def mapped_messages(config: Config) -> dict[int, MappedMessage]:

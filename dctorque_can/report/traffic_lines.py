@@ -19,6 +19,14 @@ def holds_no_frames(path: str, unread: Sequence[str]) -> str:
     return f"{path}: the log holds no frames{what}"
 
 
+def sorted_frames(path: str, moved: int, frames: int, by_us: int) -> str:
+    """Return that frames were put in order of time."""
+    return (
+        f"{path}: {moved} of {frames} frames stood behind frames of a later time, by up to {by_us / 1000:.1f} ms: "
+        "they were sorted (estimator.reorder_ms)"
+    )
+
+
 def not_our_own(unread: Sequence[str]) -> list[str]:
     """Return what is not read, without what this package has written itself."""
     return [item for item in unread if not item.startswith(("/dctorque/", "/signals/"))]

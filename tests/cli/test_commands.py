@@ -29,7 +29,7 @@ from ..signed_speeds import OPTIONS as SIGNED
 
 PAPER = shipped_config("paper_car")
 HANG_S = 900  # so late that no load of the machine explains it
-COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover")
+COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover", "convert")
 
 
 def test_help_names_every_command_and_the_exit_codes(dctorque_process) -> None:
@@ -129,6 +129,15 @@ def test_frames_out_of_order_and_a_clock_that_goes_back_are_told(dctorque, tmp_p
     order = np.arange(len(frames)).reshape(-1, 4)[:, ::-1].ravel()
     write_frames(tmp_path / "shuffled.blf", frames[order])
     told = dctorque("replay", "shuffled.blf", "-c", PAPER, "-o", "x.mcap")
+    assert told.code == 0, told.err
+    assert "frames stood behind frames of a later time, by up to" in told.err
+    whole = dctorque("replay", "drive.blf", "-c", PAPER, "-o", "y.mcap")
+    assert "stood behind" not in whole.err
+    one, two = (read_table(tmp_path / name, ESTIMATES) for name in ("x.mcap", "y.mcap"))
+    assert len(one) == len(two)
+    told = dctorque(
+        "replay", "shuffled.blf", "-c", PAPER, "-o", "x.mcap", "--force", "--set", "estimator.reorder_ms=0"
+    )
     assert told.code == 3
     assert "mapped frames (" in told.err
     assert "are late" in told.err
