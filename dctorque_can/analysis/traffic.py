@@ -54,15 +54,17 @@ class Traffic:
 
     Args:
         mapped: messages that inputs come from by their identifier, with `EXTENDED_ID` set for 29-bit ones.
+        channels: the one channel on which a message counts, by its identifier; any where there is none.
 
     Attributes:
         frames: all of them.
         messages: what came of each mapped message, by its identifier.
     """
 
-    def __init__(self, mapped: Mapping[int, MappedMessage]) -> None:
+    def __init__(self, mapped: Mapping[int, MappedMessage], channels: Mapping[int, int] | None = None) -> None:
         self.frames = 0
         self.mapped = dict(mapped)
+        self._channels = dict(channels or {})
         self.messages = {can_id: MessageTraffic(0, 0, message.length, set()) for can_id, message in mapped.items()}
         self._standard = np.zeros(_STANDARD_IDS, np.int64)
         self._others: Counter[int] = Counter()
@@ -91,6 +93,8 @@ class Traffic:
     def _take_message(self, can_id: int, frames: Frames, rows: NDArray[np.intp]) -> None:
         message = self.messages[can_id]
         rows = rows[frames.flags[rows] & _NO_DATA == 0]
+        if can_id in self._channels:
+            rows = rows[frames.channel[rows] == self._channels[can_id]]
         if not len(rows):
             return
         message.frames += len(rows)
@@ -120,3 +124,13 @@ class Traffic:
 def identifier_text(can_id: int) -> str:
     """Return an identifier as ASC has it: hexadecimal, 29-bit ones with an x behind."""
     return f"{can_id & ~EXTENDED_ID:X}x" if can_id & EXTENDED_ID else f"{can_id:X}"
+
+
+def on_their_channels(frames: Frames, channels: Mapping[int, int]) -> Frames:
+    """Return the frames without those of ``channels`` that are on another channel than the one named there."""
+    if not channels:
+        return frames
+    elsewhere = np.zeros(len(frames), np.bool_)
+    for can_id, channel in channels.items():
+        elsewhere |= (frames.can_id == can_id) & (frames.channel != channel)
+    return frames[~elsewhere] if elsewhere.any() else frames

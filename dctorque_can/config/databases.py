@@ -14,6 +14,7 @@ from dctorque_can.config.document import Document
 from dctorque_can.config.edges import LAST_STANDARD_ID, DatabaseSection, OutputSection, OutputSettings
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import nearest, validate
+from dctorque_can.pipeline.frames import EXTENDED_ID
 from dctorque_can.resources import shipped_dbc
 
 OUTPUT_DBC = "dctorque.dbc"
@@ -24,13 +25,19 @@ Reader = Callable[[str], tuple[Path, bytes]]
 
 
 class DatabaseFiles:
-    """Loads the DBCs that a vehicle file names, and puts them among the documents."""
+    """Loads the DBCs that a vehicle file names, and puts them among the documents.
+
+    Attributes:
+        channels: identifier of a message, with `EXTENDED_ID` set for a 29-bit one, to the channel that it is on;
+            of the messages of `vehicle` whose database is on one.
+    """
 
     def __init__(self, document: Document, documents: dict[str, bytes], read: Reader, among_documents: bool):
         self._document = document
         self._documents = documents
         self._read = read
         self._among_documents = among_documents
+        self.channels: dict[int, int] = {}
 
     def vehicle(self) -> Database | None:
         """Return the messages of all DBCs; None when one of them has an error."""
@@ -47,6 +54,10 @@ class DatabaseFiles:
             database = self._database((*DATABASES, *key), file, needed)
             if database is not None:
                 loaded.append((file.path, database))
+                channel = self._document.value((*DATABASES, key[0], "channel"))
+                if isinstance(channel, int):
+                    ids = (m.frame_id | (EXTENDED_ID if m.is_extended_frame else 0) for m in database.messages)
+                    self.channels |= dict.fromkeys(ids, channel)
         if len(loaded) < len(listed):
             return None
         try:

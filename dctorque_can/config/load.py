@@ -63,6 +63,7 @@ class Config:
     documents: dict[str, bytes]
     entries: tuple[InputEntry, ...]
     reorder_us: int | None
+    channels: dict[int, int]
     warnings: tuple[Problem, ...]
 
     @property
@@ -179,6 +180,7 @@ def _load(
         documents=documents,
         entries=parts.entries,
         reorder_us=parts.reorder_us,
+        channels=files.channels,
         warnings=tuple(problems),
     )
 

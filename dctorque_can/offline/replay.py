@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
-from dctorque_can.analysis.traffic import MappedMessage, Traffic
+from dctorque_can.analysis.traffic import MappedMessage, Traffic, on_their_channels
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
@@ -260,7 +260,9 @@ class _Replay:
     """One pass: the chain, its targets, and what went through."""
 
     def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
-        self.traffic = Traffic(mapped_messages(config))
+        mapped = mapped_messages(config)
+        self._channels = {can_id: config.channels[can_id] for can_id in mapped if can_id in config.channels}
+        self.traffic = Traffic(mapped, self._channels)
         self.status = StatusShares()
         self.time = TrafficTime()
         self._config = config
@@ -294,7 +296,7 @@ class _Replay:
         """Do the whole job for one batch; if estimates are to be smoothed, only up to them."""
         self.time.take(frames.t_us)
         self.traffic.take(frames)
-        estimates = self._chain.feed(frames)
+        estimates = self._chain.feed(on_their_channels(frames, self._channels))
         if not self._content.smooth:
             self._give(frames, estimates)
             return

@@ -79,7 +79,7 @@ def _channel_lines(traffic: Traffic) -> list[str]:
     names = [f"{identifier_text(can_id)} {traffic.mapped[can_id].name}" for can_id in sorted(shared)]
     return [
         f"channels {' and '.join(map(str, channels))} both carry mapped identifiers: {listed(names, MOST_TOPICS)}"
-        "; frames of all of them are taken"
+        "; frames of all of them are taken, unless `channel:` of the database names one"
     ]
 
 

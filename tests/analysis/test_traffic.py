@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dctorque_can.analysis.traffic import MappedMessage, Traffic, identifier_text
+from dctorque_can.analysis.traffic import MappedMessage, Traffic, identifier_text, on_their_channels
 from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 from dctorque_can.report.traffic_lines import holds_no_frames, missing_lines, not_our_own, short_lines
 
@@ -70,6 +70,17 @@ def test_two_channels_with_mapped_identifiers():
     assert missing_lines(counted([(0x100, 8, 0, 0), (0x200, 8, 1, 0)]), CALM) == []
     (line,) = missing_lines(counted([(0x100, 8, 0, 0), (0x100, 8, 3, 0)]), CALM)
     assert line.startswith("channels 0 and 3 both carry mapped identifiers: 100 Engine")
+
+
+def test_a_message_counts_on_its_channel():
+    rows = [(0x100, 8, 0, 0), (0x100, 8, 3, 0), (0x100, 5, 3, 0), (0x200, 8, 3, 0)]
+    traffic = Traffic(MAPPED, {0x100: 0})
+    traffic.take(frames(rows))
+    assert traffic.messages[0x100].frames == 1
+    assert missing_lines(traffic, CALM) == []
+    kept = on_their_channels(frames(rows), {0x100: 3})
+    assert kept.can_id.tolist() == [0x100, 0x100, 0x200]
+    assert on_their_channels(kept, {}) is kept
 
 
 def test_short_frames():

@@ -146,6 +146,26 @@ def test_frames_out_of_order_and_a_clock_that_goes_back_are_told(dctorque, tmp_p
     assert "the clock of the log went back once" in told.err
 
 
+def test_a_log_of_two_buses(dctorque, tmp_path: Path) -> None:
+    dctorque("simulate", "-o", "one.blf", "--duration", 2)
+    with open_log(tmp_path / "one.blf") as log:
+        frames = Frames.concatenate(log.frames())
+    other = frames[np.arange(len(frames))]
+    other.channel[:] = 1
+    other.t_us[:] += 500
+    other.data[:] ^= 0x5A
+    both = Frames.concatenate([frames, other]).sorted_by_time()
+    write_frames(tmp_path / "both.blf", both)
+    told = dctorque("replay", "both.blf", "-c", PAPER, "-o", "x.mcap")
+    assert told.code == 3
+    assert "channels 0 and 1 both carry mapped identifiers: 100 EngineData" in told.err
+    told = dctorque("replay", "both.blf", "-c", PAPER, "-o", "x.mcap", "--force", "--set", "databases.0.channel=0")
+    assert told.code == 0, told.err
+    dctorque("replay", "one.blf", "-c", PAPER, "-o", "y.mcap")
+    one, two = (read_table(tmp_path / name, ESTIMATES) for name in ("x.mcap", "y.mcap"))
+    assert one.tobytes() == two.tobytes()
+
+
 def test_replay_smooths(dctorque, tmp_path: Path) -> None:
     """File in, file out, a clutch less wrong than online; a method that cannot be smoothed: one line, no file."""
     observer = ("--set", "estimator.method=oh2014")
