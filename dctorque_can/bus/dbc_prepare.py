@@ -139,12 +139,20 @@ class _Preparation:
         return blocks, others
 
     def _messages(self, blocks: list[_Block]) -> None:
-        if self._trials.reason("".join(block.text for block in blocks), self._strict) and blocks:
-            for block in list(blocks):
-                if not self._sound(block):
-                    blocks.remove(block)
+        for block in self._refused(blocks):
+            if not self._sound(block):
+                blocks.remove(block)
         for block in blocks:
             self._kept += [block.head, *block.signals]
+
+    def _refused(self, blocks: Sequence[_Block]) -> list[_Block]:
+        """Return the messages that cantools refuses as they are."""
+        if not blocks or not self._trials.reason("".join(block.text for block in blocks), self._strict):
+            return []
+        if len(blocks) == 1:
+            return list(blocks)
+        half = len(blocks) // 2
+        return self._refused(blocks[:half]) + self._refused(blocks[half:])
 
     def _sound(self, block: _Block) -> bool:
         """Take what is broken out of a message; return whether the message stays."""

@@ -256,6 +256,16 @@ def test_the_prepared_text_keeps_its_lines():
     assert len(cantools.database.load_string(prepared.text, "dbc").messages) == 2
 
 
+def test_one_fault_among_thousands_of_messages():
+    many = "".join(
+        f'BO_ {k} M{k}: 8 ECU\n SG_ A : 0|8@1+ (1,0) [0|0] "" ECU\n' for k in range(0x20000000 - 5000, 0x20000000)
+    )
+    text = GOOD + many.replace("M536870000: 8", "M536870000: x")
+    loaded = load(text)
+    assert len(loaded.database.messages) == 2 + 4999
+    assert [remark.line for remark in loaded.remarks if "left out" in remark.reason] == [line_of(text, ": x ECU")]
+
+
 def test_more_faults_than_can_be_told_one_by_one():
     text = GOOD + "".join(f'CM_ SG_ 256 Speed "a" {k};\n' for k in range(3000))
     assert failure(text)[0].endswith("has more faults than can be told one by one; is this a DBC file?")
