@@ -156,8 +156,12 @@ class _Preparation:
 
     def _sound(self, block: _Block) -> bool:
         """Take what is broken out of a message; return whether the message stays."""
-        found = list(self._faults(block))
         needed = self._is_needed(block)
+        found: list[tuple[Statement, str, bool]] = []
+        for fault in self._faults(block):
+            found.append(fault)
+            if fault[2] and not needed:  # the message goes, whatever else is wrong
+                break
         broken = [each for each, _, _ in found]
         stays = True
         for statement, reason, only_strict in found:
