@@ -7,7 +7,7 @@ what is not needed never costs the file.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -159,6 +159,7 @@ def _load(file: DatabaseFile, needed: Needed | None) -> Loaded:
         _rename(database, prepared.names)
     if not database.messages:
         raise DatabaseError(f"{file.path}: holds no message", remarks)
+    remarks += _doubles(file.path, text, database.messages)
     return Loaded(database, tuple(remarks))
 
 
@@ -181,6 +182,27 @@ def _parse_prepared(prepared: Prepared, strict: bool, needed: Needed | None) -> 
             lines[line - 1] = ""
         prepared.text = "\n".join(lines)
     return None, reason
+
+
+def _doubles(path: Path, text: str, messages: Sequence[Message]) -> list[Remark]:
+    """Return a remark for each message that differs from another one of its name or identifier."""
+    found: list[Remark] = []
+    earlier: dict[object, Message] = {}
+    for message in messages:
+        identifier = (message.frame_id, message.is_extended_frame)
+        other = earlier.get(message.name) or earlier.get(identifier)
+        if other is not None and _definition(other) != _definition(message):
+            lines = [text.count("\n", 0, each.start()) + 1 for each in _named(message.name, text)]
+            what = f"{message.name} (id 0x{message.frame_id:X}) and {other.name} (id 0x{other.frame_id:X})"
+            found.append(Remark(path, lines[-1] if lines else 0, f"{what} share a name or an identifier"))
+        earlier.setdefault(message.name, message)
+        earlier.setdefault(identifier, message)
+    return found
+
+
+def _named(name: str, text: str) -> Iterator[re.Match[str]]:
+    """Yield where messages of a name begin."""
+    return re.finditer(rf"^[ \t]*BO_\s+\d+\s+{re.escape(name)}\s*:", text, re.MULTILINE)
 
 
 def _can_go(line: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Sequence
 from decimal import InvalidOperation
@@ -14,11 +15,18 @@ from dctorque_can.bus.dbc_text import Statement
 MOST_TRIALS = 4_000
 """Of one file; one takes about a millisecond."""
 
+_LOG = logging.getLogger("cantools.database.can.database")
 _AT_LINE = re.compile(r"\bat line (\d+), column (\d+)")
+
+
+def _nothing(record: logging.LogRecord) -> bool:
+    """Keep a record of cantools from being shown: messages that are there twice are told with their line."""
+    return False
 
 
 def parse(text: str, strict: bool) -> tuple[Database | None, str]:
     """Return the database of a DBC's text, or None and why there is none."""
+    _LOG.addFilter(_nothing)
     try:
         database = cantools.database.load_string(text, "dbc", strict=strict)
     except cantools.Error as error:
@@ -31,6 +39,8 @@ def parse(text: str, strict: bool) -> tuple[Database | None, str]:
         return None, " ".join(str(cause).split()).rstrip(".") or type(cause).__name__
     except RecursionError:
         return None, "nested too deeply"
+    finally:
+        _LOG.removeFilter(_nothing)
     assert isinstance(database, Database)
     return database, ""
 

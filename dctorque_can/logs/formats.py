@@ -27,7 +27,7 @@ _COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
 _LINES = {
     ".asc": (
         re.compile(
-            rb"^\s*(date\s|base\s+(hex|dec)|//|(no\s+)?internal\s+events|begin\s+trig|\d+\.\d+\s)", re.I | re.M
+            rb"^\s*(date\s|base\s+(hex|dec)|//|(no\s+)?internal\s+events|begin\s+trig|-?\d+[.,]\d+\s)", re.I | re.M
         ),
         "'base hex  timestamps absolute'",
     ),

@@ -256,6 +256,17 @@ def test_the_prepared_text_keeps_its_lines():
     assert len(cantools.database.load_string(prepared.text, "dbc").messages) == 2
 
 
+@pytest.mark.parametrize("line", ["BO_ 257 Other: 8 ECU", "BO_ 300 Lamp: 8 ECU"])
+def test_messages_that_share_name_or_identifier_are_told(line, capfd):
+    text = GOOD + f'{line}\n SG_ X : 0|8@1+ (1,0) [0|0] "" ECU\n'
+    (remark,) = load(text).remarks
+    assert remark.line == line_of(text, line)
+    assert "share a name or an identifier" in remark.reason
+    assert load(text.replace(line, line + "X")).remarks[-1].line != 0
+    assert load(GOOD + "\n".join(GOOD.splitlines()[14:17]) + "\n").remarks == ()
+    assert capfd.readouterr() == ("", "")
+
+
 def test_one_fault_among_thousands_of_messages():
     many = "".join(
         f'BO_ {k} M{k}: 8 ECU\n SG_ A : 0|8@1+ (1,0) [0|0] "" ECU\n' for k in range(0x20000000 - 5000, 0x20000000)
