@@ -21,6 +21,7 @@ _NOT_KEPT: dict[str, dict[str, int]] = {
     ".csv": {"that they are CAN FD": FrameFlag.FD},
     ".mf4": {"the length of remote frames": FrameFlag.REMOTE},
 }
+_FORWARD_ONLY = (".asc", ".log")  # python-can's writers never let the time go back
 _LEFT_OUT = {".trc": FrameFlag.FD | FrameFlag.REMOTE | FrameFlag.ERROR}
 
 
@@ -38,6 +39,8 @@ class Kept:
         self.frames = 0
         self._suffix = suffix.lower()
         self._left_out = 0
+        self._behind = 0
+        self._latest_us: int | None = None
         self._changed = dict.fromkeys(_NOT_KEPT.get(self._suffix, {}), 0)
 
     def of(self, frames: Frames) -> Frames:
@@ -48,6 +51,11 @@ class Kept:
             self._changed[what] += int(np.count_nonzero(frames.flags & int(flag)))
         kept = frames[~left_out] if left_out.any() else frames
         self.frames += len(kept)
+        if self._suffix in _FORWARD_ONLY and len(kept):
+            before = kept.t_us[0] if self._latest_us is None else self._latest_us
+            latest = np.maximum(np.maximum.accumulate(kept.t_us), before)
+            self._behind += int(np.count_nonzero(kept.t_us < latest))
+            self._latest_us = int(latest[-1])
         return kept
 
     @property
@@ -55,6 +63,8 @@ class Kept:
         """What is not kept, one line each."""
         name = self._suffix.removeprefix(".").upper()
         lines = [f"{count} frames: {name} does not keep {what}" for what, count in self._changed.items() if count]
+        if self._behind:
+            lines.append(f"{self._behind} frames stand behind frames of a later time: {name} gives them that time")
         if self._left_out:
             lines.append(f"{self._left_out} CAN FD, remote or error frames are left out: {name} cannot hold them")
         return lines
@@ -69,7 +79,7 @@ class _AscWriter(can.ASCWriter):
 def write_frames(path: Path | str, frames: Frames | Iterable[Frames]) -> None:
     """Write ``frames`` to ``path`` in the format of its suffix; only MCAP keeps everything.
 
-    What the writers of python-can do not keep:
+    What the writers of python-can do not keep (times that go back neither in .asc nor in .log):
         .asc: the date to better than 1 ms (times are from the first frame on; earlier ones come out wrong), data
             of error frames;
         .blf: times before 1990 (they come out from the first frame on), direction of error frames;

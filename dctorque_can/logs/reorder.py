@@ -38,6 +38,9 @@ class Reorder:
             yield from batches
             return
         for frames in batches:
+            if np.all(frames.t_us[1:] >= frames.t_us[:-1]):
+                yield from self._take(frames)
+                continue
             for start in range(0, len(frames), _AT_ONCE):
                 yield from self._take(frames[start : start + _AT_ONCE])
         if len(self._waiting):

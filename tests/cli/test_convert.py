@@ -48,7 +48,7 @@ def test_from_every_format_to_every_format(dctorque, tmp_path: Path, source: str
 def test_a_date_of_few_milliseconds_is_kept(tmp_path: Path) -> None:
     """python-can writes 5 ms as ".5"."""
     frames = some_frames()
-    frames.t_us += 5000
+    frames.t_us[:] += 5000
     write_frames(tmp_path / "a.asc", frames)
     assert int(read(tmp_path / "a.asc").t_us[0]) == START + 5000
 
@@ -65,6 +65,13 @@ def test_what_a_format_cannot_keep_is_told(dctorque, tmp_path: Path) -> None:
     assert len(read(tmp_path / "b.trc")) == 496
     told = dctorque("convert", "a.mcap", "b.csv")
     assert "1 frames: CSV does not keep that they are CAN FD" in told.err
+    frames = some_frames()
+    frames.t_us[10] -= 5000
+    write_frames(tmp_path / "c.mcap", frames)
+    told = dctorque("convert", "c.mcap", "c.log")
+    assert told.code == 3
+    assert "1 frames stand behind frames of a later time: LOG gives them that time" in told.err
+    assert dctorque("convert", "c.mcap", "d.mcap").code == 0
     told = dctorque("convert", "a.mcap", "b.blf")
     assert told.code == 0, told.err
 
