@@ -37,8 +37,8 @@ class MessageColumns:
         """Return the messages found, by name: structured arrays of ``t_us`` and one float64 field per signal.
 
         The values are physical ones in the unit of the DBC, also where a raw value means "not available"; NaN
-        where a multiplexer selects other signals. Remote and error frames and those shorter than the DBC says are
-        left out.
+        where a multiplexer selects other signals, and of signals that a shorter frame than the DBC's has not.
+        Remote and error frames are left out.
         """
         no_data = np.uint8(FrameFlag.REMOTE | FrameFlag.ERROR)
         usable = (frames.flags & no_data) == 0
@@ -47,11 +47,14 @@ class MessageColumns:
         ids, starts = np.unique(frames.can_id[order], return_index=True)
         for can_id, rows in zip(ids.tolist(), np.split(order, starts[1:]), strict=False):
             message = self._messages.get(can_id)
-            if message is None or not message.signals or message.length > frames.data.shape[1]:
+            if message is None or not message.signals:
                 continue
-            chosen = rows[usable[rows] & (frames.length[rows] >= message.length)]
+            chosen = rows[usable[rows]]
             if len(chosen):
-                found[message.name] = message.decode(frames.t_us[chosen], frames.data[chosen])
+                data = frames.data[chosen]
+                missing = max(message.length - data.shape[1], 0)
+                data = np.pad(data, ((0, 0), (0, missing))) if missing else data
+                found[message.name] = message.decode(frames.t_us[chosen], data, frames.length[chosen])
         return found
 
 
@@ -66,13 +69,18 @@ class _Columns:
         ]
         self.dtype = np.dtype([(TIME, "i8"), *((name, "f8") for name, _, _ in self.signals)])
 
-    def decode(self, t_us: NDArray[np.int64], data: NDArray[np.uint8]) -> NDArray[np.void]:
+    def decode(
+        self, t_us: NDArray[np.int64], data: NDArray[np.uint8], length: NDArray[np.uint8]
+    ) -> NDArray[np.void]:
+        short = bool((length < self.length).any())
         rows = np.empty(len(t_us), self.dtype)
         rows[TIME] = t_us
         for name, layout, conditions in self.signals:
             rows[name] = layout.read(data)
             for selector, ids in conditions:
                 rows[name][~np.isin(selector.read_raw(data), ids)] = np.nan
+            for each in (layout, *(selector for selector, _ in conditions)) if short else ():
+                rows[name][length <= max(each.byte_indices)] = np.nan
         return rows
 
 

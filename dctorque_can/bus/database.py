@@ -1,17 +1,25 @@
-"""Loading of DBC files, with errors that lead to the line."""
+"""Loading of DBC files, with errors and remarks that lead to the line.
+
+A file that cantools takes as it is goes no other way. One that it refuses is prepared for it (`bus.dbc_prepare`):
+what is not needed never costs the file.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from decimal import InvalidOperation
 from pathlib import Path
 
-import cantools
 from cantools.database.can import Database, Message
 
+from dctorque_can.bus.dbc_prepare import STRICT_HINT, Needed, Prepared, prepare
+from dctorque_can.bus.dbc_text import decoded
+from dctorque_can.bus.dbc_trial import line_of, lines_of, parse
 from dctorque_can.errors import DctorqueError
+
+MOST_LEFT_OUT_BY_LINE = 20
+"""Statements that are left out because cantools names their line in the prepared text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,102 +37,200 @@ class DatabaseFile:
     content: bytes | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """What was left out of a DBC, or read otherwise than it stands there.
+
+    Attributes:
+        path: the file.
+        line: 1-based, 0 when it is about no line.
+        reason: what and why.
+    """
+
+    path: Path
+    line: int
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.reason}" if self.line else f"{self.path}: {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A database, and what was remarkable about its files."""
+
+    database: Database
+    remarks: tuple[Remark, ...] = ()
+
+
 class DatabaseError(DctorqueError):
-    """A DBC cannot be loaded, or several contradict each other."""
+    """A DBC cannot be loaded, or several contradict each other.
+
+    Attributes:
+        remarks: what is remarkable about the files beside that.
+    """
+
+    def __init__(self, message: str, remarks: Sequence[Remark] = ()) -> None:
+        super().__init__(message)
+        self.remarks = tuple(remarks)
 
 
-def load_database(files: Sequence[DatabaseFile]) -> Database:
+def load_database(files: Sequence[DatabaseFile], needed: Needed | None = None) -> Database:
+    """Load DBC files into one database; as `load_with_remarks`, without the remarks."""
+    return load_with_remarks(files, needed).database
+
+
+def load_with_remarks(files: Sequence[DatabaseFile], needed: Needed | None = None) -> Loaded:
     """Load DBC files into one database.
 
     Args:
         files: DBCs, whose messages may repeat each other only when they are equal.
+        needed: what must be right. Anything else that is broken is left out, with a remark. None: every message.
 
     Raises:
-        DatabaseError: a file is missing or is no DBC, or two messages of different files share a name or an
-            identifier. Every faulty file has its line in the message.
+        DatabaseError: a file is missing or is no DBC, something that is needed is broken, or two messages of
+            different files share a name or an identifier. Every fault has its line in the message.
     """
     databases: list[tuple[Path, Database]] = []
     faults: list[str] = []
+    remarks: list[Remark] = []
     for file in files:
         try:
-            databases.append((file.path, _load(file)))
+            loaded = _load(file, needed)
         except DatabaseError as error:
             faults.append(str(error))
-    messages, conflicts = _merge(databases)
-    if faults or conflicts:
-        raise DatabaseError("\n".join(faults + conflicts))
+            remarks += error.remarks
+            continue
+        databases.append((file.path, loaded.database))
+        remarks += loaded.remarks
+    try:
+        joined = joined_databases(databases, needed)
+    except DatabaseError as error:
+        raise DatabaseError("\n".join([*faults, str(error)]), [*remarks, *error.remarks]) from None
+    if faults:
+        raise DatabaseError("\n".join(faults), [*remarks, *joined.remarks])
+    return Loaded(joined.database, (*remarks, *joined.remarks))
+
+
+def joined_databases(databases: Sequence[tuple[Path, Database]], needed: Needed | None = None) -> Loaded:
+    """Join databases into one.
+
+    Args:
+        databases: each with the path of its file. A message may be in several only if all say the same.
+        needed: other messages are left out where they contradict, with a remark. None: all are needed.
+
+    Raises:
+        DatabaseError: two messages contradict each other.
+    """
+    remarks: list[Remark] = []
+    messages, conflicts = _merge(databases, needed, remarks)
+    if conflicts:
+        raise DatabaseError("\n".join(conflicts), remarks)
     if len(databases) == 1:
-        return databases[0][1]
+        return Loaded(databases[0][1])
     nodes = {node.name: node for _, database in databases for node in database.nodes}
-    return Database(
-        messages=messages, nodes=list(nodes.values()), strict=False
-    )  # each was checked as strictly as asked
+    joined = Database(messages=messages, nodes=list(nodes.values()), strict=False)
+    return Loaded(joined, tuple(remarks))  # each was checked as strictly as asked
 
 
-def _load(file: DatabaseFile) -> Database:
+def _load(file: DatabaseFile, needed: Needed | None) -> Loaded:
     try:
         content = file.path.read_bytes() if file.content is None else file.content
     except OSError as error:
         raise DatabaseError(f"{file.path}: cannot be read: {error.strerror}") from error
-    text = content.decode("cp1252", errors="replace")  # the encoding that cantools assumes for DBC files
-    database, reason = _parse(text, file.strict)
+    text = decoded(content)
+    database, reason = parse(text, file.strict)
+    remarks: list[Remark] = []
     if database is None:
-        line = _line_of(reason, text)
-        place = f"{file.path}:{line}" if line else f"{file.path}"
-        hint = ""
-        if file.strict and _parse(text, strict=False)[0] is not None:
-            hint = "; it loads with `strict: false`"
-        elif not re.search(r"^\s*BO_\s", text, re.MULTILINE):
-            hint = "; is this a DBC file?"
-        raise DatabaseError(f"{place}: {reason}{hint}")
+        if not re.search(r"^\s*BO_\s", text, re.MULTILINE):
+            line = line_of(reason, text)
+            place = f"{file.path}:{line}" if line else f"{file.path}"
+            raise DatabaseError(f"{place}: {reason}; is this a DBC file?")
+        prepared = prepare(text, file.strict, needed)
+        database, reason = _parse_prepared(prepared, file.strict, needed)
+        remarks = [Remark(file.path, line, remark) for line, remark in prepared.remarks]
+        if prepared.errors or database is None:
+            if database is None and not prepared.errors:
+                line = line_of(reason, prepared.text)
+                lax = file.strict and parse(prepared.text, strict=False)[0] is not None
+                prepared.errors.append((line, reason + (f"; {STRICT_HINT}" if lax else "")))
+            errors = [str(Remark(file.path, line, error)) for line, error in prepared.errors]
+            raise DatabaseError("\n".join(errors), remarks)
+        _rename(database, prepared.names)
     if not database.messages:
-        raise DatabaseError(f"{file.path}: holds no message")
-    return database
+        raise DatabaseError(f"{file.path}: holds no message", remarks)
+    remarks += _doubles(file.path, text, database.messages)
+    return Loaded(database, tuple(remarks))
 
 
-def _parse(text: str, strict: bool) -> tuple[Database | None, str]:
-    try:
-        database = cantools.database.load_string(text, "dbc", strict=strict)
-    except cantools.Error as error:
-        # cantools wraps whatever its loader raised; a missing definition is a bare KeyError
-        cause = getattr(error, "e_dbc", None) or error
-        if isinstance(cause, KeyError):
-            return None, f"{cause} is used but not defined"
-        if isinstance(cause, InvalidOperation):
-            return None, "a number is expected where there is none"
-        return None, " ".join(str(cause).split()).rstrip(".") or type(cause).__name__
-    assert isinstance(database, Database)
-    return database, ""
+def _parse_prepared(prepared: Prepared, strict: bool, needed: Needed | None) -> tuple[Database | None, str]:
+    """Parse a prepared text; what cantools refuses only now and nobody needs is left out as well."""
+    if prepared.errors:
+        return None, ""
+    if not prepared.text.strip():
+        return Database(), ""
+    for _ in range(MOST_LEFT_OUT_BY_LINE):
+        database, reason = parse(prepared.text, strict)
+        if database is not None:
+            return database, ""
+        lines = prepared.text.split("\n")
+        at = [line for line in lines_of(reason, prepared.text) if _can_go(lines[line - 1])]
+        if not at:
+            return None, reason
+        for line in at:
+            prepared.remarks.append((line, f"{reason}; it is left out"))
+            lines[line - 1] = ""
+        prepared.text = "\n".join(lines)
+    return None, reason
 
 
-def _line_of(reason: str, text: str) -> int:
-    """Return the line that cantools' reason points at, 0 when it tells nothing that can be found."""
-    stated = re.search(r"\bline (\d+)", reason)
-    if stated:
-        return int(stated.group(1))
-    message = re.search(r"in message (\w+)", reason)
-    signal = re.search(r"[Tt]he signals? (\w+)", reason)
-    undefined = re.match(r"'([^']+)' is used but not defined|.*?VAL_ \d+ (\w+)", reason)
-    start = 0
-    if message:
-        found = re.search(rf"^\s*BO_\s+\d+\s+{message.group(1)}\s*:", text, re.MULTILINE)
-        start = found.start() if found else 0
-    if signal:
-        pattern = rf"^\s*SG_\s+{signal.group(1)}\s"
-    elif message:
-        pattern = rf"^\s*BO_\s+\d+\s+{message.group(1)}\s*:"
-    elif undefined:
-        pattern = rf"^.*\b{re.escape(undefined.group(1) or undefined.group(2))}\b"
-    else:
-        return 0
-    place = re.compile(pattern, re.MULTILINE).search(text, start)
-    if place is None:
-        return 0
-    return text.count("\n", 0, place.end()) + 1
+def _doubles(path: Path, text: str, messages: Sequence[Message]) -> list[Remark]:
+    """Return a remark for each message that differs from another one of its name or identifier."""
+    found: list[Remark] = []
+    earlier: dict[object, Message] = {}
+    for message in messages:
+        identifier = (message.frame_id, message.is_extended_frame)
+        other = earlier.get(message.name) or earlier.get(identifier)
+        if other is not None and _definition(other) != _definition(message):
+            lines = [text.count("\n", 0, each.start()) + 1 for each in _named(message.name, text)]
+            what = f"{message.name} (id 0x{message.frame_id:X}) and {other.name} (id 0x{other.frame_id:X})"
+            found.append(Remark(path, lines[-1] if lines else 0, f"{what} share a name or an identifier"))
+        earlier.setdefault(message.name, message)
+        earlier.setdefault(identifier, message)
+    return found
 
 
-def _merge(databases: Sequence[tuple[Path, Database]]) -> tuple[list[Message], list[str]]:
-    """Return the messages of all files, and a line for each that contradicts one of an earlier file."""
+def _named(name: str, text: str) -> Iterator[re.Match[str]]:
+    """Yield where messages of a name begin."""
+    return re.finditer(rf"^[ \t]*BO_\s+\d+\s+{re.escape(name)}\s*:", text, re.MULTILINE)
+
+
+def _can_go(line: str) -> bool:
+    """Return whether a line is a whole statement that no message needs to be read."""
+    whole = re.match(
+        r"\s*(CM_|BA_|BA_DEF_|BA_DEF_DEF_|VAL_|VAL_TABLE_|SIG_GROUP_|BO_TX_BU_|EV_)[\s\"].*;\s*$", line
+    )
+    return whole is not None
+
+
+def _rename(database: Database, names: dict[str, str]) -> None:
+    """Give messages and signals the names back that cantools could not read."""
+    if not names:
+        return
+    for message in database.messages:
+        message.name = names.get(message.name, message.name)
+        for signal in message.signals:
+            signal.name = names.get(signal.name, signal.name)
+            if signal.multiplexer_signal is not None:
+                signal.multiplexer_signal = names.get(signal.multiplexer_signal, signal.multiplexer_signal)
+        message.refresh()
+    database.refresh()
+
+
+def _merge(
+    databases: Sequence[tuple[Path, Database]], needed: Needed | None, remarks: list[Remark]
+) -> tuple[list[Message], list[str]]:
+    """Return the messages of all files, and a line for each needed one that contradicts one of an earlier file."""
     messages: list[Message] = []
     earlier: dict[object, tuple[Path, Message]] = {}
     conflicts: list[str] = []
@@ -137,10 +243,14 @@ def _merge(databases: Sequence[tuple[Path, Database]]) -> tuple[list[Message], l
                 messages.append(message)
                 added[message.name] = added[identifier] = (path, message)
             elif _definition(found[1]) != _definition(message):
-                conflicts.append(
-                    f"{path}: message {message.name} (id 0x{message.frame_id:X}) contradicts "
-                    f"{found[1].name} (id 0x{found[1].frame_id:X}) of {found[0]}; leave one of them out"
+                contradiction = (
+                    f"message {message.name} (id 0x{message.frame_id:X}) contradicts "
+                    f"{found[1].name} (id 0x{found[1].frame_id:X}) of {found[0]}"
                 )
+                if needed is None or {message.name, found[1].name} & needed.messages:
+                    conflicts.append(f"{path}: {contradiction}; leave one of them out")
+                else:
+                    remarks.append(Remark(path, 0, f"{contradiction}; it is left out, no input comes from it"))
         earlier |= added
     return messages, conflicts
 

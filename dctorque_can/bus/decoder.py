@@ -29,9 +29,11 @@ class Decoder:
     * Frames are taken from every channel. Remote frames, error frames and frames sent by us are ignored, as are
       identifiers that no input reads.
     * A frame gives its samples together, in order of `Quantity`, ``last`` set on the final one.
-    * A frame that is too short for its DBC message, has a wrong CRC or a wrong alive counter gives one sample per
-      quantity of its message with that status and value 0, and changes no value. A longer frame is accepted: its
-      end is padding, and the CRC covers the DBC's length.
+    * A frame that lacks its alive counter or a byte under its CRC, or in which one of them is wrong, gives one
+      sample per quantity of its message with that status and value 0, and changes no value. A longer frame is
+      accepted: its end is padding, and the CRC covers the DBC's length.
+    * A frame that is shorter than its DBC message gives the signals that lie inside; those that do not are
+      NOT_AVAILABLE.
     * The alive counter may step by 1..max_counter_delta. A repeated counter is rejected. After a larger step,
       which is rejected too, the next step counts from there. After the shortest timeout of its inputs without any
       frame that passes the CRC, a message may go on with any counter.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self
@@ -11,6 +12,8 @@ from typing import Self
 import numpy as np
 from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
+
+from dctorque_can.pipeline.samples import Protection
 
 MAX_BITS = 64
 MAX_BYTES = 64  # of a CAN FD payload
@@ -175,3 +178,13 @@ def selector_problem(message: Message, signal: Signal) -> str:
         if unreadable or selector.is_float:
             return f"is multiplexed by {selector.name}, which {unreadable or 'is a float'}"
     return ""
+
+
+def bytes_needed(message: Message, signals: Collection[str], protection: Protection | None) -> int:
+    """Return how many first bytes of a message hold some signals, their multiplexers and the protection."""
+    if protection is not None and protection.crc != "none":
+        return int(message.length)  # a CRC covers all of them
+    counter = protection.counter_signal if protection is not None else ""
+    wanted = [signal for signal in message.signals if signal.name in signals or signal.name == counter]
+    chains = [selector for signal in wanted for selector, _ in selectors(message, signal)]
+    return max((max(SignalLayout.of(each).byte_indices) + 1 for each in (*wanted, *chains)), default=0)

@@ -59,7 +59,8 @@ def _message_of(can_id: int, standard: Table, extended: Table) -> int:
 def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
     """Return the raw bits of a signal.
 
-    Bounds: `layout_problem` holds every field to its message, `_check_frame` the message to the frame.
+    Bounds: `layout_problem` holds every field to its message; of a frame that is shorter than its message, the
+    caller has asked `_lies_within` whether the field is there.
     """
     byte = field.lsb_byte
     bits = np.uint64(data[i, byte]) >> field.shift
@@ -69,6 +70,13 @@ def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
         bits |= np.uint64(data[i, byte]) << position
         position += np.uint64(8)
     return bits & field.mask  # type: ignore[no-any-return]
+
+
+@compiled_without_allocation
+def _lies_within(field: Any, there: int) -> bool:
+    """Return whether all bytes of a signal are among the first ``there`` ones."""
+    first = field.lsb_byte
+    return max(first, first + field.step * (field.n_bytes - 1)) < there  # type: ignore[no-any-return]
 
 
 @compiled_without_allocation
@@ -83,7 +91,7 @@ def find_raw(raws: Table, first: int, n: int, bits: np.uint64) -> int:
 @compiled_without_allocation
 def _check_frame(
     t_us: int,
-    length: np.int64,
+    there: int,
     data: NDArray[np.uint8],
     i: int,
     message: Any,
@@ -93,13 +101,19 @@ def _check_frame(
 ) -> int:
     """Return the status of a frame as a whole, and renew the counter of its message.
 
+    ``there`` are the bytes of the frame that there are. A frame shorter than its message is as good as another,
+    unless it lacks the counter or a byte that its CRC covers.
+
     The counter may step by 1..max_counter_delta. A repeated one is rejected. A larger step is rejected too, but
     the next step is measured from there. After a silence of the message's timeout (or a step of the clock that
     large) any counter is accepted. Silence means: no frame with a correct CRC, so a sender that repeats one
     frame for ever is never accepted again.
     """
-    if length < message.length or data.shape[1] < message.length:
-        return BAD_LENGTH
+    if there < message.length:
+        if message.crc_table >= 0:
+            return BAD_LENGTH
+        if message.counter_field >= 0 and not _lies_within(fields[message.counter_field], there):
+            return BAD_LENGTH
     counter = np.int64(0)
     if message.counter_field >= 0:
         counter = np.int64(_read_bits(data, i, fields[message.counter_field]))
@@ -128,6 +142,15 @@ def _is_selected(
         condition = conditions[k]
         bits = _read_bits(data, i, fields[condition.field])
         if find_raw(raws, condition.first_raw, condition.n_raws, bits) < 0:
+            return False
+    return True
+
+
+@compiled_without_allocation
+def _selectors_lie_within(there: int, term: Any, conditions: Table, fields: Table) -> bool:
+    """Return whether all multiplexers of a signal are among the first ``there`` bytes of a frame."""
+    for k in range(term.first_condition, term.first_condition + term.n_conditions):
+        if not _lies_within(fields[conditions[k].field], there):
             return False
     return True
 
@@ -235,16 +258,23 @@ def decode_frames(
         if n + message.n_pairs > room:
             return -1
         first = n
-        frame_status = _check_frame(
-            t_us[i], np.int64(length[i]), data, i, message, message_states[m], fields, raws
-        )
+        there = min(np.int64(length[i]), data.shape[1])
+        whole = there >= message.length
+        frame_status = _check_frame(t_us[i], there, data, i, message, message_states[m], fields, raws)
         for pair in range(message.first_pair, message.first_pair + message.n_pairs):
             given = inputs[pairs[pair]]
             status, value, renewed = frame_status, 0.0, frame_status != OK
             if frame_status == OK:
                 for k in range(given.first_term, given.first_term + given.n_terms):
-                    if terms[k].message == m and _is_selected(data, i, terms[k], conditions, fields, raws):
-                        renewed = True
+                    if terms[k].message != m:
+                        continue
+                    told = whole or _selectors_lie_within(there, terms[k], conditions, fields)
+                    if told and not _is_selected(data, i, terms[k], conditions, fields, raws):
+                        continue
+                    renewed = True
+                    if not told or not (whole or _lies_within(fields[terms[k].field], there)):
+                        status = max(status, NOT_AVAILABLE)
+                    else:
                         term_status = _renew_term(
                             t_us[i], data, i, terms[k], term_states[k], fields, raws, scratch[0]
                         )

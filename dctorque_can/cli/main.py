@@ -25,7 +25,19 @@ from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.late_asammdf import late_asammdf
 
 DEBUG = "--debug"
-COMMANDS = ("run", "replay", "simulate", "demo", "compare", "study", "check", "design", "recover", "warm-up")
+COMMANDS = (
+    "run",
+    "replay",
+    "simulate",
+    "demo",
+    "compare",
+    "study",
+    "check",
+    "design",
+    "recover",
+    "convert",
+    "warm-up",
+)
 """Each is the function of that name in the file of that name (``_`` for ``-``), in the order of ``--help``."""
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 

@@ -25,6 +25,7 @@ from dctorque_can.cli.options import (
 if TYPE_CHECKING:
     from dctorque_can.config.load import Config
     from dctorque_can.logs.reader import LogReader
+    from dctorque_can.offline.replay import ReplayResult
 
 
 def replay(
@@ -107,15 +108,42 @@ def replay(
             from dctorque_can.report.errors_table import errors_table
 
             STDOUT.print(errors_table(result.errors, "Errors against the truth"))
-    if not result.frames:
-        warn("the log holds no frames")
-    elif not result.estimates:
-        warn("no estimate: none of the frames gave what the estimator needs (see `dctorque check`)")
-    if result.frames:
+    missing = _tell_what_is_held(result)
+    if result.traffic.mapped_frames:
+        if not result.estimates:
+            warn("no estimate: none of the frames gave what the estimator needs (see `dctorque check`)")
         for doubt in doubts(result.never_received, result.estimates, result.valid_estimates):
             warn(doubt)
-    if result.problems or (player is not None and player.failed):
+    if result.problems or missing or (player is not None and player.failed):
         raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _tell_what_is_held(result: ReplayResult) -> bool:
+    """Tell what the logs hold that was not read, and what is missing in them; return whether something is."""
+    from dctorque_can.report.traffic_lines import (
+        holds_no_frames,
+        missing_lines,
+        not_our_own,
+        short_lines,
+        sorted_frames,
+        unread_topics,
+    )
+
+    lines = [holds_no_frames(held.log, held.unread) for held in result.logs if not held.frames]
+    if result.traffic.frames:
+        lines += [*missing_lines(result.traffic, result.health), *short_lines(result.traffic, lacking=True)]
+    for line in lines:
+        warn(line)
+    for line in short_lines(result.traffic, lacking=False):
+        say(line)
+    for held in result.logs:
+        if held.sorted_frames:
+            say(sorted_frames(held.log, held.sorted_frames, held.frames, held.sorted_by_us))
+    for held in result.logs:
+        others = not_our_own(held.unread)
+        if held.frames and others:
+            say(unread_topics(held.log, others))
+    return bool(lines)
 
 
 def _config(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from cantools.database.can import Database
 
+from dctorque_can.config.cycle_times import note_missing_cycle_times
 from dctorque_can.config.document import Document
 from dctorque_can.config.estimation import (
     GEAR_SOURCES,
@@ -58,6 +59,7 @@ class Parts:
     settings: Settings
     protections: tuple[Protection, ...]
     entries: tuple[InputEntry, ...]
+    reorder_us: int | None
 
 
 def build_parts(document: Document, database: Database | None) -> Parts | None:
@@ -82,6 +84,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     protections = _protections(document, builder)
     _note_missing_axle(document, builder, vehicle)
     _note_untold_signs(document, builder)
+    if database is not None:
+        note_missing_cycle_times(document, builder.entries)
     if estimator is not None:
         _check_missing_shafts(document, estimator, isinstance(gear_source, GearInference))
         _check_phases(document, estimator, phases)
@@ -105,7 +109,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         max_gap_us=microseconds(estimator.max_gap_ms),
         max_step_back_us=microseconds(estimator.max_step_back_ms),
     )
-    return Parts(settings, protections, tuple(builder.entries))
+    reorder_us = None if estimator.reorder_ms is None else microseconds(estimator.reorder_ms)
+    return Parts(settings, protections, tuple(builder.entries), reorder_us)
 
 
 def _speed_resolutions(entries: Iterable[InputEntry]) -> tuple[float, ...]:

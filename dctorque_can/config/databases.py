@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path, PurePath
 
 from cantools.database.can import Database
 
-from dctorque_can.bus.database import DatabaseError, DatabaseFile, load_database
+from dctorque_can.bus.database import DatabaseError, DatabaseFile, joined_databases, load_with_remarks
+from dctorque_can.bus.dbc_prepare import Needed
 from dctorque_can.config.document import Document
 from dctorque_can.config.edges import LAST_STANDARD_ID, DatabaseSection, OutputSection, OutputSettings
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import nearest, validate
+from dctorque_can.pipeline.frames import EXTENDED_ID
 from dctorque_can.resources import shipped_dbc
 
 OUTPUT_DBC = "dctorque.dbc"
@@ -22,13 +25,19 @@ Reader = Callable[[str], tuple[Path, bytes]]
 
 
 class DatabaseFiles:
-    """Loads the DBCs that a vehicle file names, and puts them among the documents."""
+    """Loads the DBCs that a vehicle file names, and puts them among the documents.
+
+    Attributes:
+        channels: identifier of a message, with `EXTENDED_ID` set for a 29-bit one, to the channel that it is on;
+            of the messages of `vehicle` whose database is on one.
+    """
 
     def __init__(self, document: Document, documents: dict[str, bytes], read: Reader, among_documents: bool):
         self._document = document
         self._documents = documents
         self._read = read
         self._among_documents = among_documents
+        self.channels: dict[int, int] = {}
 
     def vehicle(self) -> Database | None:
         """Return the messages of all DBCs; None when one of them has an error."""
@@ -38,18 +47,28 @@ class DatabaseFiles:
         if not isinstance(listed, list):
             self._complain(DATABASES, "must be a list, such as [{file: my_car.dbc}]")
             return None
+        needed = needed_signals(self._document)
         files = [self._file(n, item) for n, item in enumerate(listed)]
-        loaded = [self._database((*DATABASES, *file[0]), file[1]) for file in files if file is not None]
-        if len(loaded) < len(listed) or None in loaded:
+        loaded: list[tuple[Path, Database]] = []
+        for key, file in filter(None, files):
+            database = self._database((*DATABASES, *key), file, needed)
+            if database is not None:
+                loaded.append((file.path, database))
+                channel = self._document.value((*DATABASES, key[0], "channel"))
+                if isinstance(channel, int):
+                    ids = (m.frame_id | (EXTENDED_ID if m.is_extended_frame else 0) for m in database.messages)
+                    self.channels |= dict.fromkeys(ids, channel)
+        if len(loaded) < len(listed):
             return None
-        if len(loaded) == 1:
-            return loaded[0]
         try:
-            return load_database([file for _, file in filter(None, files)])
+            joined = joined_databases(loaded, needed)
         except DatabaseError as error:
             for line in str(error).splitlines():
                 self._complain(DATABASES, line)
             return None
+        for remark in joined.remarks:
+            self._warn(DATABASES, str(remark))
+        return joined.database
 
     def output(self, vehicle: Database | None) -> OutputSettings | None:
         """Return what is sent; None when there is an error."""
@@ -115,13 +134,18 @@ class DatabaseFiles:
             stored = f"{n}-{base}"
         return stored
 
-    def _database(self, key: KeyPath, file: DatabaseFile) -> Database | None:
+    def _database(self, key: KeyPath, file: DatabaseFile, needed: Needed | None = None) -> Database | None:
         try:
-            return load_database([file])
+            loaded = load_with_remarks([file], needed)
         except DatabaseError as error:
             for line in str(error).splitlines():
                 self._complain(key, line)
+            for remark in error.remarks:
+                self._warn(key, str(remark))
             return None
+        for remark in loaded.remarks:
+            self._warn(key, str(remark))
+        return loaded.database
 
     def _identifiers_fit(self, output: OutputSettings, vehicle: Database | None) -> bool:
         """Report ids of unknown messages, ids given twice, and ids that the vehicle itself sends."""
@@ -153,6 +177,32 @@ class DatabaseFiles:
 
     def _complain(self, path: KeyPath, reason: str) -> None:
         self._document.problems.append(self._document.problem(path, reason))
+
+    def _warn(self, path: KeyPath, reason: str) -> None:
+        self._document.problems.append(self._document.problem(path, reason, warning=True))
+
+
+def needed_signals(document: Document) -> Needed:
+    """Return the messages and signals that a vehicle file names, sound or not."""
+    signals = {
+        text
+        for section in ("inputs", "gears", "clutch_phase")
+        for text in _texts(document.value((section,)))
+        if re.fullmatch(r"[^.\s]+\.[^.\s]+", text)
+    }
+    protection = document.value(("protection",))
+    if isinstance(protection, dict):
+        signals |= {f"{message}.{text}" for message, data in protection.items() for text in ("", *_texts(data))}
+    return Needed(frozenset(name.partition(".")[0] for name in signals), frozenset(signals))
+
+
+def _texts(value: object) -> Iterator[str]:
+    """Yield every text in what stands below a key."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _texts(item)
 
 
 def _identifier(frame_id: int, extended: bool) -> tuple[int, bool]:

@@ -36,6 +36,13 @@ def _int(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> int:
 
 
 _TAG = "tag:yaml.org,2002:"
+_TAGS: dict[type[yaml.Node], tuple[str, ...]] = {
+    yaml.ScalarNode: tuple(_TAG + name for name in ("str", "int", "float", "bool", "null", "merge")),
+    yaml.SequenceNode: (_TAG + "seq",),
+    yaml.MappingNode: (_TAG + "map",),
+}
+"""Those of the core schema, by the kind of node."""
+
 _Loader.add_implicit_resolver(_TAG + "bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
 _Loader.add_implicit_resolver(_TAG + "null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""])
 _Loader.add_implicit_resolver(_TAG + "merge", re.compile(r"^<<$"), ["<"])
@@ -62,12 +69,19 @@ class Document:
         data: the top-level mapping; empty when the text could not be parsed.
         places: file and 1-based line of every key path.
         problems: syntax errors, duplicate keys, unusable keys.
+        unreadable: keys, dotted, whose value could not be read, which has been reported.
     """
 
     name: str
     data: dict[Any, Any] = field(default_factory=dict)
     places: dict[KeyPath, tuple[str, int]] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    unreadable: dict[str, Problem] = field(default_factory=dict)
+
+    def without_consequences(self) -> list[Problem]:
+        """Return the problems but for those that are there only because a value could not be read."""
+        above = tuple(f"{key}." for key in self.unreadable)
+        return [p for p in self.problems if self.unreadable.get(p.key, p) is p and not p.key.startswith(above)]
 
     def place(self, path: KeyPath) -> tuple[str, int]:
         """Return file and line of ``path`` or of its nearest ancestor that is in the file."""
@@ -159,6 +173,9 @@ class _Builder:
                 self._complain(node, path, f"more than {MOST_NODES} values, counting each alias in full")
             return None
         above = (*above, node)
+        if node.tag not in _TAGS[type(node)]:
+            self._complain_of_tag(node, path)
+            node = self._without_tag(node)
         if isinstance(node, yaml.MappingNode):
             return {key: self.build(value, (*path, key), above) for key, value in self._pairs(node, path)}
         if isinstance(node, yaml.SequenceNode):
@@ -169,9 +186,26 @@ class _Builder:
             return values
         try:
             return self._loader.construct_object(node)
-        except (yaml.YAMLError, ValueError) as error:
-            self._complain(node, path, f"not understood: {getattr(error, 'problem', None) or error}")
+        except (yaml.YAMLError, ValueError, KeyError, AttributeError, TypeError):
+            self._complain(
+                node, path, f"not understood: it is no {_shown_tag(node)}; leave the tag out, or correct the value"
+            )
+            self._document.unreadable[dotted(path)] = self._document.problems[-1]
             return None
+
+    def _complain_of_tag(self, node: yaml.Node, path: KeyPath) -> None:
+        reason = f"not understood: the tag {_shown_tag(node)} is not known here; no value needs one, leave it out"
+        self._complain(node, path, reason)
+        if path:
+            self._document.unreadable[dotted(path)] = self._document.problems[-1]
+
+    def _without_tag(self, node: yaml.Node) -> yaml.Node:
+        """Return a node as it would be without its tag."""
+        if not isinstance(node, yaml.ScalarNode):
+            return node
+        plain = node.style is None
+        tag = self._loader.resolve(yaml.ScalarNode, node.value, (plain, not plain))  # type: ignore[no-untyped-call]
+        return yaml.ScalarNode(tag, node.value, node.start_mark, node.end_mark, node.style)
 
     def _pairs(self, node: yaml.MappingNode, path: KeyPath) -> Iterator[tuple[str | int, yaml.Node]]:
         """Yield the pairs of a mapping, merged ones (``<<``) first."""
@@ -210,7 +244,9 @@ class _Builder:
         for key_node, value in node.value:
             key = self._key(key_node)
             if key is None and key_node.tag != MERGE:
-                self._complain(key_node, path, "a key must be a word or a whole number")
+                tagged = not isinstance(key_node, yaml.ScalarNode) or key_node.tag in _TAGS[yaml.ScalarNode]
+                reason = "" if tagged else f", without the tag {_shown_tag(key_node)}"
+                self._complain(key_node, path, f"a key must be a word or a whole number{reason}")
                 continue
             if key in first:
                 self._complain(key_node, (*path, key), f"the key is given twice, first in line {first[key]}")
@@ -224,7 +260,10 @@ class _Builder:
         """Return a key, or None for a merge and for what cannot be a key."""
         if not isinstance(node, yaml.ScalarNode) or node.tag not in (_TAG + "str", _TAG + "int"):
             return None
-        key = self._loader.construct_object(node)
+        try:
+            key = self._loader.construct_object(node)
+        except ValueError:  # tagged as a number
+            return None
         return key if isinstance(key, str | int) else None
 
     def _complain(self, node: yaml.Node, path: KeyPath, reason: str) -> None:
@@ -233,3 +272,9 @@ class _Builder:
             value = ""  # the key itself is shown already
         line = node.start_mark.line + 1
         self._document.problems.append(Problem(self._document.name, line, dotted(path), value, reason))
+
+
+def _shown_tag(node: yaml.Node) -> str:
+    """Return the tag of a node as it is written."""
+    tag = str(node.tag)
+    return "!!" + tag.removeprefix(_TAG) if tag.startswith(_TAG) else tag

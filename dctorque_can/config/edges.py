@@ -94,6 +94,8 @@ class DatabaseSection(Section):
     """Path of the DBC, relative to this file."""
     strict: bool = True
     """false: accept overlapping signals and signals beyond the end of a message."""
+    channel: Annotated[int, Field(ge=0, le=255)] | None = None
+    """Channel of a log that its messages are on, from 0; default: any. A live bus is one channel."""
 
 
 @dataclass(frozen=True, slots=True)

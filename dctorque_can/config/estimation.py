@@ -322,6 +322,8 @@ class EstimatorSection(Section):
     """A longer silence of all inputs resets the estimator, ms."""
     max_step_back_ms: Annotated[float, Field(ge=0, le=60_000)] = 100.0
     """A larger step of time backwards resets the estimator, ms; smaller ones are taken as late frames."""
+    reorder_ms: Annotated[float, Field(ge=0, le=10_000)] | None = None
+    """Frames of a log are sorted within this time, ms; default: 100 in logs of others, 0 in our own."""
     method: Literal["kalman", "oh2014"] = "kalman"
     """Which estimator runs: kalman, or oh2014, the 2014 observer."""
     oh2014: Oh2014Section = Oh2014Section()

@@ -62,6 +62,8 @@ class Config:
     logging: LoggingSection
     documents: dict[str, bytes]
     entries: tuple[InputEntry, ...]
+    reorder_us: int | None
+    channels: dict[int, int]
     warnings: tuple[Problem, ...]
 
     @property
@@ -157,7 +159,7 @@ def _load(
     can = validate(document, ("can",), CanSection)
     logging = validate(document, ("logging",), LoggingSection)
     output = files.output(database)
-    problems = sorted(document.problems, key=problem_order)
+    problems = sorted(document.without_consequences(), key=problem_order)
     sound = parts is not None and database is not None and can and logging and output
     if not sound or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
@@ -177,6 +179,8 @@ def _load(
         logging=logging,
         documents=documents,
         entries=parts.entries,
+        reorder_us=parts.reorder_us,
+        channels=files.channels,
         warnings=tuple(problems),
     )
 

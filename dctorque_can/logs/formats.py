@@ -7,6 +7,7 @@ import zlib
 from pathlib import Path
 
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.text.csv_dialect import NEEDED, dialect_of
 
 FORMATS = (".asc", ".blf", ".log", ".trc", ".csv", ".mf4", ".mcap")
 TEXT_FORMATS = (".asc", ".log", ".trc", ".csv")
@@ -14,16 +15,24 @@ _KNOWN = ", ".join(FORMATS) + f"; of these {', '.join(TEXT_FORMATS)} also gzippe
 _MAGIC = {b"LOGG": ".blf", b"\x89MCAP": ".mcap", b"MDF ": ".mf4", b"UnFinMF ": ".mf4", b"\x1f\x8b": ".gz"}
 _HEAD_SIZE = 4096
 
+SCREEN = rb"^\s*\([-: .0-9]+\)\s+\S+\s+(?:[TR]X\s+[-B] [-E]\s+)?[0-9A-F]{3,8}\s+[\[{]"
+"""A line of candump on the screen with its time."""
+_SCREEN_WITHOUT_TIME = re.compile(
+    rb"^\s*\w+\s+(?:[TR]X\s+[-B] [-E]\s+)?[0-9A-F]{3,8}\s+(?:\[\d+\]|\{[0-9A-F]\})\s", re.I | re.M
+)
+BOM = b"\xef\xbb\xbf"
+_COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
+
 # One line of this form must be among the first ones.
 _LINES = {
     ".asc": (
         re.compile(
-            rb"^\s*(date\s|base\s+(hex|dec)|//|(no\s+)?internal\s+events|begin\s+trig|\d+\.\d+\s)", re.I | re.M
+            rb"^\s*(date\s|base\s+(hex|dec)|//|(no\s+)?internal\s+events|begin\s+trig|-?\d+[.,]\d+\s)", re.I | re.M
         ),
         "'base hex  timestamps absolute'",
     ),
     ".log": (
-        re.compile(rb"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-F]+#", re.I | re.M),
+        re.compile(rb"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-F]+#|" + SCREEN, re.I | re.M),
         "'(1700000000.000000) can0 123#0102'",
     ),
     ".trc": (re.compile(rb"^\s*(;|\d+\)?\s+\d+(\.\d+)?\s)", re.M), "';$FILEVERSION=2.1'"),
@@ -32,6 +41,12 @@ _LINES = {
         "'timestamp,arbitration_id,extended,remote,error,dlc,data' as python-can writes it",
     ),
 }
+
+
+def is_of_python_can(head: bytes) -> bool:
+    """Return whether a CSV begins as python-can writes it."""
+    first = head.removeprefix(BOM).splitlines()[:1]
+    return first == [b"timestamp,arbitration_id,extended,remote,error,dlc,data"]
 
 
 def checked_format(path: Path) -> tuple[str, bytes]:
@@ -77,7 +92,24 @@ def _check_magic(path: Path, head: bytes, expected: str) -> None:
 
 def _check_text(path: Path, head: bytes, suffix: str) -> None:
     pattern, example = _LINES[suffix]
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")) or re.match(rb"(?:[ -~]\0){4}|(?:\0[ -~]){4}", head):
+        raise LogReadError(f"{path}: is UTF-16 text, as PowerShell writes it; save it as UTF-8")
+    head = head.removeprefix(BOM)
     if b"\0" in head:
         raise LogReadError(f"{path}: is no {suffix} file: it is not text")
-    if not pattern.search(head.replace(b"\r", b"\n")):
-        raise LogReadError(f"{path}: is no {suffix} file: no line at its beginning looks like {example}")
+    lines = _COLOUR.sub(b"", head.replace(b"\r", b"\n"))
+    if pattern.search(lines):
+        return
+    if suffix == ".csv" and dialect_of(lines.decode("utf-8", "replace")) is not None:
+        return
+    if suffix == ".csv":
+        named = lines.split(b"\n", 1)[0].decode("utf-8", "replace")[:80]
+        raise LogReadError(
+            f"{path}: no line at its beginning looks like {example}, and its columns are not known: {named!r}; "
+            f"needed is {NEEDED}"
+        )
+    if suffix == ".log" and _SCREEN_WITHOUT_TIME.search(lines):
+        raise LogReadError(
+            f"{path}: is the screen of candump without times; record with candump -L, or with candump -ta"
+        )
+    raise LogReadError(f"{path}: is no {suffix} file: no line at its beginning looks like {example}")

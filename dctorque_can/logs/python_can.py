@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import gzip
 import itertools
-import os
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext, suppress
 from io import IOBase
 from pathlib import Path
-from typing import TextIO
 
 import can
 
@@ -18,6 +15,7 @@ from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.late_asammdf import give_asammdf
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.logs.text.lines import Lines, each_message, warnings_of
+from dctorque_can.logs.text.unzip import text_of
 from dctorque_can.pipeline.frames import Frames
 
 _BATCH = 10_000
@@ -35,6 +33,8 @@ class PythonCanFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
+        self.start_us: int | None = None
         self.problems: list[str] = []
         self.fraction = 0.0
         self._numbers = ChannelNumbers()
@@ -101,6 +101,8 @@ class PythonCanTextFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
+        self.start_us: int | None = None
         self.fraction = 0.0
         self._suffix = suffix
         self._numbers = ChannelNumbers()
@@ -121,20 +123,23 @@ class PythonCanTextFrames:
 
     def frames(self) -> Iterator[Frames]:
         """Yield the frames in batches."""
-        size = max(self.path.stat().st_size, 1)
         reader = can.TRCReader if self._suffix == ".trc" else can.CSVReader
         header = "" if self._suffix == ".trc" else "header\n"  # which the CSV reader skips unread
-        with self.path.open("rb") as raw, _text(self.path, raw.fileno()) as file:
+        with text_of(self.path, self._note_share, self._note_problem) as file:
             lines = Lines(file)
             messages = each_message(lines, reader, header, self._count_bad_line)
             with warnings_of("can.io.trc", lambda text: self._count_bad_line(lines)):
-                for batch in _batches(self.path, messages, self._numbers, self._problems):
-                    self.fraction = min(os.lseek(raw.fileno(), 0, os.SEEK_CUR) / size, 1.0)
-                    yield batch
+                yield from _batches(self.path, messages, self._numbers, self._problems)
         self.fraction = 1.0
 
     def close(self) -> None:
         """Nothing stays open."""
+
+    def _note_share(self, share: float) -> None:
+        self.fraction = share
+
+    def _note_problem(self, problem: str) -> None:
+        self._problems.append(f"{self.path}: {problem}")
 
     def _count_bad_line(self, lines: Lines) -> None:
         if lines.count == self._last_bad_line:
@@ -143,13 +148,6 @@ class PythonCanTextFrames:
         if not self._bad_lines:
             self._first_bad_line = f"line {lines.count}: {lines.last.strip()[:60]!r}"
         self._bad_lines += 1
-
-
-def _text(path: Path, descriptor: int) -> TextIO:
-    if path.suffix.lower() == ".gz":
-        raw = open(descriptor, "rb", closefd=False)  # noqa: SIM115 - closed with the text
-        return gzip.open(raw, "rt", encoding="utf-8", errors="replace")
-    return open(descriptor, encoding="utf-8", errors="replace", closefd=False)
 
 
 def _batches(

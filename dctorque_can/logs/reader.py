@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from dctorque_can.logs.formats import checked_format
+from dctorque_can.logs.formats import BOM, checked_format, is_of_python_can
 from dctorque_can.pipeline.frames import Frames
 
 
@@ -16,10 +17,15 @@ class FrameSource(Protocol):
 
     documents: dict[str, bytes]
     metadata: dict[str, dict[str, str]]
+    start_us: int | None
 
     @property
     def problems(self) -> list[str]:
         """What could not be read, one line each."""
+
+    @property
+    def unread(self) -> list[str]:
+        """What the file holds beside what was read, such as topics."""
 
     @property
     def fraction(self) -> float:
@@ -39,12 +45,14 @@ class LogReader:
         path: the file.
         documents: attachments of an MCAP by name (configuration, databases); else empty.
         metadata: named sets of words of an MCAP; else empty.
+        start_us: µs since 1970 at which the times of an ASC count from 0; None where the log says no date.
     """
 
     def __init__(self, path: Path, source: FrameSource) -> None:
         self.path = path
         self.documents = source.documents
         self.metadata = source.metadata
+        self.start_us = source.start_us
         self._source = source
 
     @property
@@ -53,9 +61,19 @@ class LogReader:
         return self._source.problems
 
     @property
+    def unread(self) -> list[str]:
+        """What the file holds beside what was read, such as ``/imu (sensor_msgs/msg/Imu)``; after `frames`."""
+        return self._source.unread
+
+    @property
     def fraction(self) -> float:
         """Share of the file that has been read, 0 to 1."""
         return self._source.fraction
+
+    def dated_frames(self, batch: int = 100_000) -> Iterator[Frames]:
+        """Yield what `frames` does, with times since 1970 wherever the log says when they begin."""
+        for frames in self.frames(batch):
+            yield frames if self.start_us is None else replace(frames, t_us=frames.t_us + self.start_us)
 
     def frames(self, batch: int = 100_000) -> Iterator[Frames]:
         """Yield the frames in the order of the file, ``batch`` at a time (the last time fewer).
@@ -112,7 +130,14 @@ def _source(path: Path, suffix: str, head: bytes) -> FrameSource:
         from dctorque_can.logs.text.blocks import TextFrames
         from dctorque_can.logs.text.candump import Candump
 
-        return TextFrames(path, Candump() if suffix == ".log" else Asc(head))
+        return TextFrames(path, Candump(head) if suffix == ".log" else Asc(head))
+    if suffix == ".csv" and not is_of_python_can(head):
+        from dctorque_can.logs.text.csv_dialect import dialect_of
+        from dctorque_can.logs.text.csv_frames import CsvFrames
+
+        dialect = dialect_of(head.removeprefix(BOM).decode("utf-8", "replace"))
+        if dialect is not None:
+            return CsvFrames(path, dialect)
     from dctorque_can.logs.python_can import PythonCanFrames, PythonCanTextFrames
 
     return PythonCanFrames(path) if suffix == ".mf4" else PythonCanTextFrames(path, suffix)

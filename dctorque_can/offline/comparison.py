@@ -105,7 +105,7 @@ def recorded_drive(log: LogReader) -> SimulatedDrive:
         DctorqueError: it has no truth (`replay.truth_of`), or no frames.
     """
     truth = truth_of(log.path)
-    frames = list(log.frames())
+    frames = list(log.dated_frames())
     if not frames:
         raise DctorqueError("; ".join([f"{log.path}: the log holds no frames", *log.problems]))
     return SimulatedDrive(Frames.concatenate(frames), truth, str(log.path), _vehicle_of(log))

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.traffic import MappedMessage, Traffic, on_their_channels
 from dctorque_can.bus.columns import MessageColumns
+from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
@@ -23,12 +25,13 @@ from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
 from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.output_file import remove_partial
-from dctorque_can.logs.reader import LogReader
+from dctorque_can.logs.reader import LogReader, open_log
+from dctorque_can.logs.reorder import Reorder
 from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
 from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
-from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,25 @@ class ReplayTargets:
 
 
 @dataclass(frozen=True)
+class Held:
+    """What one log holds.
+
+    Attributes:
+        log: its path.
+        frames: read of it.
+        unread: what else is in it, such as topics with their types.
+        sorted_frames: that stood behind one of a later time and were put in order.
+        sorted_by_us: by how much at most.
+    """
+
+    log: str
+    frames: int
+    unread: list[str]
+    sorted_frames: int
+    sorted_by_us: int
+
+
+@dataclass(frozen=True)
 class ReplayResult:
     """What a replay did.
 
@@ -77,6 +99,8 @@ class ReplayResult:
         bus_seconds: time that the frames span; a step back of the clock takes nothing away.
         problems: what could not be read, one line each.
         health: counters of the estimator.
+        traffic: what the frames are.
+        logs: what each log holds.
         errors: against the truth, when that was asked for.
     """
 
@@ -91,11 +115,20 @@ class ReplayResult:
     bus_seconds: float
     problems: list[str]
     health: dict[str, Any]
+    traffic: Traffic
+    logs: list[Held]
     errors: dict[str, ErrorFigures] | None
 
     def as_json(self) -> dict[str, Any]:
         """Return the result for scripts."""
-        return asdict(self) | {"output": None if self.output is None else str(self.output)}
+        left = ("traffic", "output", "logs", "errors")
+        words: dict[str, Any] = {name: value for name, value in vars(self).items() if name not in left}
+        return words | {
+            "output": None if self.output is None else str(self.output),
+            "traffic": self.traffic.as_json(),
+            "logs": [asdict(held) for held in self.logs],
+            "errors": None if self.errors is None else {name: asdict(e) for name, e in self.errors.items()},
+        }
 
 
 def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config:
@@ -110,6 +143,9 @@ def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config
     return load_documents(documents, overrides)
 
 
+REORDER_US = 100_000
+"""Window within which frames of others' logs are sorted, where the vehicle file gives none."""
+
 _NEEDED = "comparing needs a log of `dctorque simulate`"
 
 
@@ -121,10 +157,13 @@ def truth_source(log: Path) -> Path:
     """
     plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
     if plain.suffix.lower() == ".asc":
-        raise DctorqueError(
-            f"{log}: its times count from the first frame, those of the truth from 1970: "
-            "there is no comparing them; simulate to .mcap, .blf or .log"
-        )
+        with open_log(log) as reader:
+            dated = reader.start_us is not None
+        if not dated:
+            raise DctorqueError(
+                f"{log}: names no date that is understood. So its times count from the first frame, those of "
+                "the truth from 1970: there is no comparing them; simulate to .mcap, .blf or .log"
+            )
     source = truth_path(plain)
     if source != log and not source.exists():
         raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {_NEEDED}")
@@ -162,10 +201,15 @@ def replay_logs(
         with replay:
             truth = [truth_of(reader.path) for reader in logs] if content.truth else []
             read = 0.5 if content.smooth else 1.0  # share of reading in the whole
+            held: list[Held] = []
             for number, reader in enumerate(logs):
-                for frames in reader.frames():
+                before = replay.traffic.frames
+                order = Reorder(reorder_window_us(reader, config))
+                for frames in order.sorted(reader.dated_frames()):
                     replay.take(frames)
                     progress(read * (number + reader.fraction) / len(logs))
+                count = replay.traffic.frames - before
+                held.append(Held(str(reader.path), count, reader.unread, order.moved, order.furthest_us))
             replay.smooth(lambda fraction: progress(read + (1.0 - read) * fraction))
             errors = replay.compare(np.concatenate(truth)) if truth else None
     except DctorqueError:
@@ -174,7 +218,7 @@ def replay_logs(
         raise
     return ReplayResult(
         output=targets.log,
-        frames=replay.frames,
+        frames=replay.traffic.frames,
         estimates=replay.status.estimates,
         smoothed=content.smooth,
         valid_estimates=replay.status.having(BOTH_CLUTCHES),
@@ -184,15 +228,41 @@ def replay_logs(
         bus_seconds=replay.time.seconds,
         problems=[problem for reader in logs for problem in reader.problems],
         health=replay.health,
+        traffic=replay.traffic,
+        logs=held,
         errors=errors,
     )
+
+
+def reorder_window_us(log: LogReader, config: Config) -> int:
+    """Return within which time the frames of a log are sorted: our own logs are as the estimator saw the bus."""
+    if config.reorder_us is not None:
+        return config.reorder_us
+    return 0 if log.documents else REORDER_US
+
+
+def mapped_messages(config: Config) -> dict[int, MappedMessage]:
+    """Return the messages that inputs come from, by their identifier."""
+    mapped: dict[str, set[str]] = {}
+    for term in (term for entry in config.inputs for term in entry.terms):
+        mapped.setdefault(term.message, set()).add(term.signal)
+    found: dict[int, MappedMessage] = {}
+    for message in config.database.messages:
+        if message.name in mapped:
+            protection = next((p for p in config.protections if p.message == message.name), None)
+            needed = bytes_needed(message, mapped[message.name], protection)
+            can_id = message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0)
+            found[can_id] = MappedMessage(message.name, message.length, needed)
+    return found
 
 
 class _Replay:
     """One pass: the chain, its targets, and what went through."""
 
     def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
-        self.frames = 0
+        mapped = mapped_messages(config)
+        self._channels = {can_id: config.channels[can_id] for can_id in mapped if can_id in config.channels}
+        self.traffic = Traffic(mapped, self._channels)
         self.status = StatusShares()
         self.time = TrafficTime()
         self._config = config
@@ -225,8 +295,8 @@ class _Replay:
     def take(self, frames: Frames) -> None:
         """Do the whole job for one batch; if estimates are to be smoothed, only up to them."""
         self.time.take(frames.t_us)
-        self.frames += len(frames)
-        estimates = self._chain.feed(frames)
+        self.traffic.take(frames)
+        estimates = self._chain.feed(on_their_channels(frames, self._channels))
         if not self._content.smooth:
             self._give(frames, estimates)
             return

@@ -58,6 +58,17 @@ class Frames:
             self.data[rows],
         )
 
+    def copy(self) -> Self:
+        """Return the frames in memory of their own."""
+        return type(self)(
+            self.t_us.copy(),
+            self.can_id.copy(),
+            self.length.copy(),
+            self.flags.copy(),
+            self.channel.copy(),
+            self.data.copy(),
+        )
+
     @classmethod
     def empty(cls, n: int = 0, width: int = 8) -> Self:
         """Return ``n`` zeroed frames of ``width`` data bytes."""

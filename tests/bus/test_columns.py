@@ -2,6 +2,7 @@
 
 import cantools
 import numpy as np
+import pytest
 from cantools.database.can import Database, Message, Signal
 from cantools.database.conversion import BaseConversion
 
@@ -31,10 +32,24 @@ def test_frames_without_whole_data_are_left_out():
     frames = traffic(2)
     frames.flags[0] = FrameFlag.REMOTE
     frames.flags[1] = FrameFlag.ERROR
-    frames.length[2] = 7
     frames.can_id[3] |= EXTENDED_ID
-    assert sum(map(len, MessageColumns(DATABASE).decode(frames).values())) == len(frames) - 4
+    assert sum(map(len, MessageColumns(DATABASE).decode(frames).values())) == len(frames) - 3
     assert MessageColumns(DATABASE).decode(Frames.empty()) == {}
+
+
+@pytest.mark.parametrize("there", [0, 1, 2, 4, 6, 7, 8])
+@pytest.mark.parametrize("width", [8, 64])
+def test_signals_that_a_short_frame_has_not_are_nan(there, width):
+    database = cantools.database.load_string(NESTED, "dbc")
+    frames = frames_of([[0x31, 7, 1, 0, 0, 0, 0, 5], [0x31, 7, 1, 0, 0, 0, 0, 5]], 100)
+    frames.length[0] = there
+    frames.data[0, there:] = 0
+    if width == 64:
+        frames = Frames.concatenate([frames, Frames.empty(0, 64)])
+    row, whole = MessageColumns(database).decode(frames)["M"]
+    ends = {"Outer": 1, "Inner": 1, "C": 4, "Always": 8}
+    for name, end in ends.items():
+        assert row[name] == whole[name] if there >= end else np.isnan(row[name])
 
 
 def test_multiplexed_signals_are_nan_where_they_are_not_selected():

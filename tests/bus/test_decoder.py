@@ -16,6 +16,7 @@ from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Input, Protection, Quantity, Samples, SampleStatus, Term
 
 from .demo import DATABASE, INPUTS, PROTECTIONS, frames_of, identical, traffic
+from .layouts_strategy import messages
 
 OK, NOT_AVAILABLE = SampleStatus.OK, SampleStatus.NOT_AVAILABLE
 Q = Quantity
@@ -131,7 +132,7 @@ def test_any_payload_of_any_length_gives_finite_samples(payload, can_id):
     assert len(samples) == sum(each.terms[0].message == name for each in INPUTS)
     assert np.isfinite(samples.value).all()
     assert (samples.value[samples.status != OK] == 0.0).all()
-    if len(payload) < 8:
+    if len(payload) < 8:  # every message of the demo has a CRC
         assert set(samples.status) == {SampleStatus.BAD_LENGTH}
 
 
@@ -331,8 +332,62 @@ def test_multiplexed_signals_give_samples_when_selected(payload):
     assert samples.last.tolist() == [False] * (len(expected) - 1) + [True]
 
 
-def test_a_short_multiplexed_frame_flags_every_quantity():
+def test_a_short_multiplexed_frame_gives_what_it_has_and_flags_the_rest():
     database = cantools.database.load_string(NESTED, "dbc")
     inputs = [simple(Term("M", name), quantity=Q(k)) for k, name in enumerate("ABC")]
-    samples = Decoder(database, inputs, [Protection("M")]).decode_one(0, 100, b"\0" * 7)
-    assert samples.status.tolist() == [SampleStatus.BAD_LENGTH] * 3
+
+    def found(payload):
+        samples = Decoder(database, inputs, [Protection("M")]).decode_one(0, 100, payload)
+        return {"ABC"[q]: SampleStatus(s) for q, s in zip(samples.quantity, samples.status, strict=True)}
+
+    assert found(bytes([0x30, 7, 0, 0, 0, 0, 0])) == {"A": OK}
+    assert found(bytes([0x30])) == {"A": NOT_AVAILABLE}
+    assert found(bytes([0x31, 1, 0])) == {"C": NOT_AVAILABLE}
+    assert found(b"") == dict.fromkeys("ABC", NOT_AVAILABLE)
+
+
+def bits_of(signal):
+    """Return the numbers of the bits of a signal, 8 * byte + bit; Motorola ones go along the rows."""
+    if signal.byte_order == "little_endian":
+        return [signal.start + k for k in range(signal.length)]
+    row = [8 * byte + bit for byte in range(64) for bit in range(7, -1, -1)]
+    first = row.index(signal.start)
+    return row[first : first + signal.length]
+
+
+@settings(max_examples=100)
+@given(messages(floats=False), st.data())
+def test_a_short_frame_gives_the_signals_that_lie_inside(message, data):
+    database = Database(messages=[message])
+    signals = message.signals[: len(Quantity)]
+    inputs = [simple(Term("M", s.name), low=-1e25, high=1e25, quantity=Q(k)) for k, s in enumerate(signals)]
+    payload = data.draw(st.binary(min_size=message.length, max_size=message.length))
+    there = data.draw(st.integers(0, message.length))
+    short = Decoder(database, inputs).decode_one(0, 0x123, payload[:there])
+    whole = Decoder(database, inputs).decode_one(0, 0x123, payload)
+    for k, signal in enumerate(signals):
+        inside = max(bits_of(signal)) < 8 * there
+        expected = (int(whole.status[k]), float(whole.value[k])) if inside else (int(NOT_AVAILABLE), 0.0)
+        assert (int(short.status[k]), float(short.value[k])) == expected
+
+
+@pytest.mark.parametrize("there", range(9))
+@pytest.mark.parametrize("kind", ["none", "counter", "crc"])
+def test_a_counter_or_crc_that_is_missing_stays_an_error(there, kind):
+    """EngineTorque is in bytes 4 and 5 of the demo car's EngineData, CRC and counter in bytes 0 and 1."""
+    name = "EngineData"
+    protection = replace(
+        PROTECTIONS[name],
+        crc=PROTECTIONS[name].crc if kind == "crc" else "none",
+        crc_signal=PROTECTIONS[name].crc_signal if kind == "crc" else "",
+        counter_signal="" if kind == "none" else PROTECTIONS[name].counter_signal,
+    )
+    frames = traffic(8, 0)
+    frames = frames[frames.can_id == 0x100][:1]
+    payload = bytes(frames.data[0, :there])
+    decoder = Decoder(DATABASE, [simple(Term(name, "EngineTorque"))], [protection])
+    (status,) = decoder.decode_one(0, 0x100, payload).status.tolist()
+    if (kind == "crc" and there < 8) or (kind == "counter" and there < 2):
+        assert status == SampleStatus.BAD_LENGTH
+    else:
+        assert status == (OK if there >= 6 else NOT_AVAILABLE)

@@ -10,6 +10,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 
 from dctorque_can import __version__
@@ -28,7 +29,7 @@ from ..signed_speeds import OPTIONS as SIGNED
 
 PAPER = shipped_config("paper_car")
 HANG_S = 900  # so late that no load of the machine explains it
-COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover")
+COMMANDS = ("run", "replay", "simulate", "demo", "study", "check", "design", "recover", "convert")
 
 
 def test_help_names_every_command_and_the_exit_codes(dctorque_process) -> None:
@@ -76,7 +77,7 @@ def test_simulate_and_replay_in_every_format_give_the_same_estimates(dctorque, t
     assert len(counts) == 1
 
 
-@pytest.mark.parametrize("name", ["drive.blf", "drive.log.gz"])
+@pytest.mark.parametrize("name", ["drive.blf", "drive.log.gz", "drive.asc"])
 def test_the_truth_beside_a_log_is_found(dctorque, tmp_path: Path, name: str) -> None:
     plain = name.removesuffix(".gz")
     dctorque("simulate", "-o", plain, "--duration", 3)
@@ -105,6 +106,64 @@ def test_replay_names_the_inputs_that_never_came_and_counts_what_is_valid(dctorq
     assert "never received a usable value of: " in partly.err
     assert "shaft1_speed" in partly.err
     assert ("none of the" in partly.err) == bool(result["estimates"])
+
+
+def test_a_log_of_which_nothing_can_be_used_is_told(dctorque, tmp_path: Path) -> None:
+    """Exit code 3, and one sentence that says what is there and what is missing."""
+    (tmp_path / "other.log").write_text("(1700000000.000000) can0 7E8#0102\n(1700000000.010000) can0 7E8#0102\n")
+    told = dctorque("replay", "other.log", "-c", PAPER, "-o", "x.mcap")
+    assert told.code == 3
+    assert (
+        "none of the 2 frames has a mapped identifier: the log holds 7E8 (2); mapped are 100 EngineData"
+        in told.err
+    )
+    told = dctorque("replay", "x.mcap", "-c", PAPER, "-o", "y.mcap")
+    assert told.code == 3
+    assert "x.mcap: the log holds no frames; it holds /dctorque/" in told.err
+
+
+def test_frames_out_of_order_and_a_clock_that_goes_back_are_told(dctorque, tmp_path: Path) -> None:
+    dctorque("simulate", "-o", "drive.blf", "--duration", 2)
+    with open_log(tmp_path / "drive.blf") as log:
+        frames = Frames.concatenate(log.frames())
+    order = np.arange(len(frames)).reshape(-1, 4)[:, ::-1].ravel()
+    write_frames(tmp_path / "shuffled.mcap", frames[order])
+    told = dctorque("replay", "shuffled.mcap", "-c", PAPER, "-o", "x.mcap")
+    assert told.code == 0, told.err
+    assert "frames stood behind frames of a later time, by up to" in told.err
+    whole = dctorque("replay", "drive.blf", "-c", PAPER, "-o", "y.mcap")
+    assert "stood behind" not in whole.err
+    one, two = (read_table(tmp_path / name, ESTIMATES) for name in ("x.mcap", "y.mcap"))
+    assert one.tobytes() == two.tobytes()
+    told = dctorque(
+        "replay", "shuffled.mcap", "-c", PAPER, "-o", "x.mcap", "--force", "--set", "estimator.reorder_ms=0"
+    )
+    assert told.code == 3
+    assert "mapped frames (" in told.err
+    assert "are late" in told.err
+    told = dctorque("replay", "drive.blf", "drive.blf", "-c", PAPER, "-o", "x.mcap", "--force")
+    assert told.code == 3
+    assert "the clock of the log went back once" in told.err
+
+
+def test_a_log_of_two_buses(dctorque, tmp_path: Path) -> None:
+    dctorque("simulate", "-o", "one.blf", "--duration", 2)
+    with open_log(tmp_path / "one.blf") as log:
+        frames = Frames.concatenate(log.frames())
+    other = frames[np.arange(len(frames))]
+    other.channel[:] = 1
+    other.t_us[:] += 500
+    other.data[:] ^= 0x5A
+    both = Frames.concatenate([frames, other]).sorted_by_time()
+    write_frames(tmp_path / "both.blf", both)
+    told = dctorque("replay", "both.blf", "-c", PAPER, "-o", "x.mcap")
+    assert told.code == 3
+    assert "channels 0 and 1 both carry mapped identifiers: 100 EngineData" in told.err
+    told = dctorque("replay", "both.blf", "-c", PAPER, "-o", "x.mcap", "--force", "--set", "databases.0.channel=0")
+    assert told.code == 0, told.err
+    dctorque("replay", "one.blf", "-c", PAPER, "-o", "y.mcap")
+    one, two = (read_table(tmp_path / name, ESTIMATES) for name in ("x.mcap", "y.mcap"))
+    assert one.tobytes() == two.tobytes()
 
 
 def test_replay_smooths(dctorque, tmp_path: Path) -> None:

@@ -251,6 +251,91 @@ def test_a_dbc_that_loads_only_laxly_says_so(write) -> None:
     assert load_config(path, {"databases.0.strict": "false"}).name == "paper car"
 
 
+TAGS = [
+    "!!timestamp x",
+    "!!bool x",
+    "!!int x",
+    "!!float x",
+    "!!binary x",
+    "!!set {a}",
+    "!!omap [a: 1]",
+    "!foo x",
+    "!!map [a]",
+]
+
+
+@pytest.mark.parametrize("value", TAGS)
+@pytest.mark.parametrize(
+    "key", ["name", "vehicle.chassis.mass_kg", "inputs.engine_speed", "estimator.method", "can.fd"]
+)
+def test_a_tag_is_one_clear_error(write, value, key) -> None:
+    path = write({key: "REPLACED"})
+    text = path.read_text()
+    path.write_text(text.replace("REPLACED", value))
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    errors = [p for p in caught.value.problems if p.severity == "error" and not p.key.startswith("databases")]
+    assert [error.key for error in errors] == [key]
+    assert errors[0].reason.startswith("not understood: ")
+    assert value.split()[0] in errors[0].reason
+    assert "leave" in errors[0].reason
+
+
+@pytest.mark.parametrize("tag", ["!!timestamp", "!!bool", "!!int", "!foo", "!!binary"])
+def test_a_tagged_key_is_one_clear_error(write, tag) -> None:
+    path = write({})
+    path.write_text(path.read_text() + f"{tag} extra: 1\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    (error,) = caught.value.problems
+    assert "a key must be a word or a whole number" in error.reason
+
+
+def test_a_broken_line_of_a_dbc_that_nobody_needs_is_a_warning(write) -> None:
+    path = write({"databases.1": {"file": "other.dbc"}})
+    other = path.parent / "other.dbc"
+    other.write_text('BO_ 1000 Lamp: 2 X\n SG_ On : 0|1@1+ (1,0) [0|0] "" X\nVAL_ 1001 On 0 "off" ;\n')
+    config = load_config(path)
+    assert "Lamp" in {message.name for message in config.database.messages}
+    (warning,) = config.warnings
+    assert warning.key == "databases.1.file"
+    assert warning.reason.startswith(f"{other}:3: VAL_ is about the message 1001, which is not there")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "mapped"),
+    [
+        (" SG_ EngineSpeed : 16|16@1+", " SG_ EngineSpeed : 16/16@1+", True),
+        (" SG_ BrakeActive :", " SG_ BrakeActive", True),
+        (" SG_ EngineDataCounter :", " SG_ EngineDataCounter", True),
+        ("BO_ 320 Inertial", "BO_ x Inertial", False),
+    ],
+)
+def test_a_broken_line_is_an_error_where_it_is_mapped(write, before, after, mapped) -> None:
+    path = write({})
+    dbc = path.parent / "demo_car.dbc"
+    text = dbc.read_text().replace(before, after)
+    dbc.write_text(text)
+    place = f"{dbc}:{text[: text.index(after)].count(chr(10)) + 1}: "
+    if mapped:
+        with pytest.raises(ConfigError) as caught:
+            load_config(path)
+        (error,) = [p for p in caught.value.problems if p.severity == "error"]
+        assert error.reason.startswith(place)
+        assert "a signal is written SG_ Name" in error.reason
+    else:
+        assert any(warning.reason.startswith(place) for warning in load_config(path).warnings)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_units_with_letters_beyond_ascii(write, encoding) -> None:
+    path = write({"inputs.acceleration": "Inertial.LongAcceleration", "inputs.grade": "Inertial.RoadGrade"})
+    dbc = path.parent / "demo_car.dbc"
+    text = dbc.read_text(encoding="cp1252").replace('"m/s^2"', '"m/s²"').replace('"deg"', '"°"')
+    dbc.write_bytes(text.encode(encoding))
+    load_config(path)
+
+
 def test_two_dbcs_that_contradict_each_other(write, tmp_path) -> None:
     path = write({"databases.1": {"file": "other.dbc"}})
     text = shipped_dbc("demo_car").read_text()

@@ -284,7 +284,11 @@ def test_without_cycle_times_nobody_knows_what_delays_cost(write) -> None:
     dbc = path.with_name("demo_car.dbc")
     lines = dbc.read_text().splitlines()
     dbc.write_text("\n".join(line for line in lines if "GenMsgCycleTime" not in line))
-    assert load_config(path).warnings == ()
+    (warning,) = load_config(path).warnings
+    assert warning.key == "databases"
+    assert warning.reason.startswith("no cycle time (GenMsgCycleTime) of any mapped message in the DBC")
+    assert "timeout_ms" in warning.reason
+    assert "WheelSpeedsFront 200 ms" in warning.reason
 
 
 def test_entries_tell_people_what_the_file_says(load: Load) -> None:

@@ -25,13 +25,14 @@ from can.io.blf import (
 from dctorque_can.logs.blf.objects import END_OF_DATA, SMALLEST_FRAME, TOO_NARROW, read_objects
 from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.limits import LARGEST_CONTAINER, Unpacked, file_too_large, too_large
 from dctorque_can.pipeline.frames import Frames
 
 _SIGNATURE = b"LOBJ"
 _BASE_SIZE = OBJ_HEADER_BASE_STRUCT.size
 _CONTAINERS_AT_ONCE = 16
 _ROWS_AT_ONCE = 1 << 16
-_LARGEST_CONTAINER = 64 << 20  # packed or unpacked; those of Vector's tools hold 128 kB
+_BARE_AT_ONCE = 1 << 20
 _ENOUGH = 8 << 20  # bytes of containers that are read together at most
 _MOST_PLACES = 20  # damaged places that are told one by one
 
@@ -47,8 +48,11 @@ class BlfFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
+        self.start_us: int | None = None
         self.fraction = 0.0
         self._size = path.stat().st_size
+        self._unpacked = Unpacked(self._size)
         self._places: list[str] = []
         self._more_places = 0
         self._objects_left_out = 0
@@ -112,9 +116,12 @@ class BlfFrames:
         position = self._start
         follows = True
         while position + _BASE_SIZE <= self._size:
+            if self._unpacked.left <= 0:
+                self._note(position, f"the file {file_too_large()}")
+                return
             file.seek(position)
             signature, _, _, size, kind = OBJ_HEADER_BASE_STRUCT.unpack(file.read(_BASE_SIZE))
-            if signature != _SIGNATURE or not _BASE_SIZE <= size <= _LARGEST_CONTAINER:
+            if signature != _SIGNATURE or not _BASE_SIZE <= size <= LARGEST_CONTAINER:
                 follows = False
                 following = self._next_container(file, position)
                 self._note(position, f"no container begins here ({following - position} bytes lost)")
@@ -130,11 +137,24 @@ class BlfFrames:
                 follows = data is not None and not self._cut
                 if self._cut:  # or its size is wrong, and others follow
                     following = self._next_container(file, position)
+            else:  # objects outside of containers, up to the next container
+                following = self._next_container(file, position)
+                yield from self._bare(file, position, following)
+                follows = False
             position = following
         if position > self._size + 3 and position == self._start:
             self._note(0, f"the header says that the first container begins at byte {position}")
         elif self._size - position > 3:
             self._note(position, "the file ends inside a container")
+
+    def _bare(self, file: BinaryIO, start: int, end: int) -> Iterator[tuple[bytes, bool]]:
+        """Yield what stands outside of containers, piece by piece."""
+        file.seek(start)
+        follows = False
+        while start < end and (data := file.read(min(end - start, _BARE_AT_ONCE))):
+            start += len(data)
+            yield data, follows
+            follows = True
 
     def _next_container(self, file: BinaryIO, position: int) -> int:
         """Return where the next container after ``position`` begins, or the size of the file."""
@@ -156,22 +176,24 @@ class BlfFrames:
             return None
         method, size = LOG_CONTAINER_STRUCT.unpack_from(body)
         packed = body[LOG_CONTAINER_STRUCT.size :]
+        most = self._unpacked.most(len(packed), LARGEST_CONTAINER)
         if method == NO_COMPRESSION:
             data = packed
         elif method == ZLIB_DEFLATE:
             try:
-                data = zlib.decompressobj().decompress(packed, _LARGEST_CONTAINER + 1)
+                data = zlib.decompressobj().decompress(packed, most + 1)
             except zlib.error as error:
                 self._note(position, f"a damaged container is left out: {error}")
                 return None
         else:
             self._note(position, f"a container is compressed in an unknown way ({method})")
             return None
-        if len(data) > _LARGEST_CONTAINER:
-            self._note(
-                position, f"a container is left out: it unpacks to more than {_LARGEST_CONTAINER >> 20} MiB"
-            )
+        if len(data) > most:
+            self._unpacked.refuse(most)
+            self._note(position, f"left out: {too_large('a container', len(packed), most)}")
             return None
+        if method != NO_COMPRESSION:
+            self._unpacked.take(len(data))
         if self._cut or len(data) < size:
             self._note(position, f"a container is cut off: {len(data)} of {size} bytes are there")
         return data
@@ -189,6 +211,6 @@ class BlfFrames:
                 width = 64
             self._objects_left_out += left_out
             self._object_bytes_lost += lost
-            if row:
-                yield frames[:row]
+            if row:  # of few frames a copy, so that the room for many does not stay
+                yield frames[:row] if 2 * row > len(frames) else frames[:row].copy()
         return data[position:]

@@ -29,6 +29,7 @@ _ERROR = int(FrameFlag.ERROR)
 _TRANSMITTED = int(FrameFlag.TRANSMITTED)
 _TEN_MICROSECONDS = 1
 _EXACT = 1 << 53
+_LONGEST = 1 << 59  # ns, 18 years: in µs ten times that is still a number of 63 bits
 
 
 @compiled
@@ -52,7 +53,13 @@ def _resync(data: NDArray[np.uint8], position: int) -> int:
 
 @compiled
 def _microseconds(ticks: int, ten_microseconds: bool, start_s: float) -> int:
-    """Return µs in the arithmetic of python-can: the float of the exact seconds, plus the start, rounded once."""
+    """Return µs in the arithmetic of python-can: the float of the exact seconds, plus the start, rounded once.
+
+    Ticks that no float holds exactly, of 104 days and more, are divided as whole numbers.
+    """
+    if ticks >= _EXACT:
+        whole = ticks * 10 if ten_microseconds else (ticks + 500) // 1000
+        return whole + int(np.rint(start_s * 1e6))
     seconds = ticks / 1e5 if ten_microseconds else ticks / 1e9
     return int(np.rint((seconds + start_s) * 1e6))
 
@@ -131,7 +138,7 @@ def read_objects(
             damaged_at = start
             continue
         ticks = little_endian(data, start + 24, 8)
-        if ticks < 0 or ticks >= _EXACT:
+        if ticks < 0 or ticks >= _LONGEST:
             damaged_at = start
             continue
 

@@ -8,7 +8,8 @@ import lz4.frame
 import zstandard
 from mcap.records import Chunk
 
-_LARGEST_CHUNK = 256 << 20  # unpacked; recorders write 1 to 10 MiB
+from dctorque_can.logs.limits import too_large
+
 _PIECE = 4096  # of packed data: 4 bytes can stand for 128 kB
 
 
@@ -16,40 +17,45 @@ class DamagedRecordError(Exception):
     """The bytes of a record do not say what such a record must say."""
 
 
-def decompress(chunk: Chunk) -> bytes:
-    """Return the records of a chunk, at most `_LARGEST_CHUNK` bytes, whatever the chunk says of its size."""
+class TooLargeError(DamagedRecordError):
+    """A chunk unpacks to more than it may."""
+
+
+def decompress(chunk: Chunk, most: int) -> bytes:
+    """Return the records of a chunk, at most ``most`` bytes, whatever the chunk says of its size."""
+    packed = len(chunk.data)
     if chunk.compression == "":
         return chunk.data
     if chunk.compression == "lz4":
-        told = min(chunk.uncompressed_size, _LARGEST_CHUNK)
-        for most in (told, _LARGEST_CHUNK):  # few chunks are larger than they say
+        told = min(chunk.uncompressed_size, most)
+        for room in (told, most):  # few chunks are larger than they say
             unpacking = lz4.frame.LZ4FrameDecompressor()
-            data: bytes = unpacking.decompress(chunk.data, most + 1)
-            if unpacking.eof and len(data) <= most:
+            data: bytes = unpacking.decompress(chunk.data, room + 1)
+            if unpacking.eof and len(data) <= room:
                 return data
-            if len(data) <= most:
+            if len(data) <= room:
                 raise DamagedRecordError("a chunk can not be decompressed")
     elif chunk.compression == "zstd":
         told = zstandard.frame_content_size(chunk.data)
-        if told <= _LARGEST_CHUNK:  # -1: the frame does not say; then no more is unpacked than the chunk says
-            return zstandard.ZstdDecompressor().decompress(
-                chunk.data, max_output_size=min(chunk.uncompressed_size, _LARGEST_CHUNK)
-            )
+        if told < 0:  # the frame does not say; then no more is unpacked than the chunk says
+            told = chunk.uncompressed_size
+        if told <= most:
+            return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=told)
     else:
         raise DamagedRecordError(f"a chunk is compressed as {chunk.compression!r}; lz4, zstd and none are known")
-    raise DamagedRecordError(f"a chunk unpacks to more than {_LARGEST_CHUNK >> 20} MiB")
+    raise TooLargeError(too_large("a chunk", packed, most))
 
 
-def decompress_cut(compression: str, packed: bytes) -> bytes:
-    """Return what can be had of data that are cut off."""
+def decompress_cut(compression: str, packed: bytes, most: int) -> bytes:
+    """Return what can be had of data that are cut off, at most some ``most`` bytes."""
     if compression == "lz4":
-        return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(packed, _LARGEST_CHUNK))
+        return cast(bytes, lz4.frame.LZ4FrameDecompressor().decompress(packed, most))
     if compression == "zstd":
         unpacking = zstandard.ZstdDecompressor().decompressobj()
         data = bytearray()
         for start in range(0, len(packed), _PIECE):
             data += unpacking.decompress(packed[start : start + _PIECE])
-            if len(data) > _LARGEST_CHUNK or unpacking.eof:
+            if len(data) > most or unpacking.eof:
                 break
         return bytes(data)
     return packed if compression == "" else b""

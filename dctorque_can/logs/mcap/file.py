@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.errors import LogReadError
+from dctorque_can.logs.limits import LARGEST_CHUNK, Unpacked, file_too_large
 from dctorque_can.logs.little_endian import little_endian
-from dctorque_can.logs.mcap.compression import DamagedRecordError, decompress, decompress_cut
+from dctorque_can.logs.mcap.compression import DamagedRecordError, TooLargeError, decompress, decompress_cut
 from dctorque_can.logs.mcap.layout import RECORD_HEAD
 
 _CHUNK_HEAD = 40  # record head, three u64, crc u32, and the size of the compression's name
@@ -113,6 +114,7 @@ class McapFile:
                 raise LogReadError(f"{path}: is no MCAP file: it does not begin with the MCAP magic bytes")
             self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self.size = len(self._map)
+        self._unpacked = Unpacked(self.size)
         self._bytes: NDArray[np.uint8] = np.frombuffer(self._map, np.uint8)
         self.complete = self.size > 2 * len(MCAP0_MAGIC) and self._map[-len(MCAP0_MAGIC) :] == MCAP0_MAGIC
         self._scan()
@@ -206,6 +208,9 @@ class McapFile:
         """Yield the records of every whole chunk, and runs of messages outside of chunks, in the file's order."""
         for start, end, is_chunk in self._pieces:
             self.position = end
+            if self._unpacked.left <= 0:
+                self.lost.append(Lost(start, self.size - start, f"the file {file_too_large()}"))
+                break
             if is_chunk:
                 records = self._chunk(start, end)
                 if records is not None:
@@ -217,7 +222,12 @@ class McapFile:
     def _chunk(self, start: int, end: int) -> NDArray[np.uint8] | None:
         try:
             chunk = _parse(Chunk, self._map[start:end])
-            data = decompress(chunk)
+            most = self._unpacked.most(len(chunk.data), LARGEST_CHUNK)
+            data = decompress(chunk, most)
+        except TooLargeError as error:
+            self._unpacked.refuse(most)
+            self.lost.append(Lost(start, end - start, str(error)))
+            return None
         except DamagedRecordError as error:
             self.lost.append(Lost(start, end - start, str(error)))
             return None
@@ -227,6 +237,8 @@ class McapFile:
         if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             self.lost.append(Lost(start, end - start, "a chunk has a wrong checksum"))
             return None
+        if chunk.compression:
+            self._unpacked.take(len(data))
         return np.frombuffer(data, np.uint8)
 
     def broken_tail(self) -> NDArray[np.uint8] | None:
@@ -240,7 +252,7 @@ class McapFile:
         compression = self._map[start + 41 : name_end].decode("ascii", "replace")
         packed = self._map[name_end + 8 : end]
         try:
-            data = decompress_cut(compression, packed)
+            data = decompress_cut(compression, packed, self._unpacked.most(len(packed), LARGEST_CHUNK))
         except (RuntimeError, zstandard.ZstdError, MemoryError):
             return None
         return np.frombuffer(data, np.uint8)

@@ -16,6 +16,7 @@ from dctorque_can.pipeline.frames import FrameFlag
 RECORD_HEAD = 9  # opcode u8, length u64
 MESSAGE_HEAD = 22  # channel u16, sequence u32, log time u64, publish time u64
 RECORD_ENCODING = "ros2msg"
+RECORD_ENCODINGS = (RECORD_ENCODING, "ros2idl")  # of others
 MESSAGE_ENCODING = "cdr"
 
 FRAME_TYPE = "can_msgs/msg/Frame"

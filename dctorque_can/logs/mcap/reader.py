@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import struct
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,12 +14,19 @@ from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.compression import DamagedRecordError
 from dctorque_can.logs.mcap.file import Lost, McapFile
+from dctorque_can.logs.mcap.foreign import (
+    CAN_FRAME,
+    OUR_FD_FRAME,
+    Decoder,
+    big_endian_frame,
+    decoder_of,
+    messages,
+    plain_type,
+)
 from dctorque_can.logs.mcap.layout import (
     DIRECTION_FLAGS,
-    FD_FRAME_TYPE,
-    FRAME_TYPE,
     MESSAGE_ENCODING,
-    RECORD_ENCODING,
+    RECORD_ENCODINGS,
     direction_of_topic,
 )
 from dctorque_can.logs.mcap.records import (
@@ -34,14 +43,16 @@ from dctorque_can.logs.mcap.records import (
     skip_unknown,
 )
 from dctorque_can.logs.mcap.table import Table, unpack_stamp
-from dctorque_can.logs.messages import ChannelNumbers
+from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.pipeline.frames import Frames
 
 _CHANNELS = 1 << 16
+_BATCH = 10_000
+_KINDS = {CAN_FRAME: CLASSIC, OUR_FD_FRAME: FD}
 
 
 class McapFrames:
-    """The frames of an MCAP file, of all topics of type ``can_msgs/msg/Frame`` or our CAN FD type, in file order.
+    """The frames of an MCAP file, in file order: of type ``can_msgs/msg/Frame``, our CAN FD type, and of others.
 
     Attributes:
         documents: attachments by name.
@@ -53,10 +64,13 @@ class McapFrames:
         self.file = McapFile(path)
         self.documents = {attachment.name: attachment.data for attachment in self.file.attachments}
         self.metadata = self.file.metadata
+        self.start_us: int | None = None
         self._numbers = ChannelNumbers()
         self._topics = FrameTopics(*(np.zeros(_CHANNELS, np.uint8) for _ in range(3)))
         self._known: set[int] = set()
         self._damaged = 0
+        self._decoders: dict[int, Decoder] = {}
+        self._buses: dict[int, str] = {}
 
     @property
     def problems(self) -> list[str]:
@@ -65,6 +79,16 @@ class McapFrames:
         if self._damaged:
             lines.append(f"{self.file.path}: {self._damaged} frame messages are damaged and left out")
         return lines
+
+    @property
+    def unread(self) -> list[str]:
+        """Topics of no frames with their types, complete when the frames have been read."""
+        definitions = self.file.definitions
+        return [
+            f"{channel.topic} ({definitions.type_of(channel)[0] or channel.message_encoding or 'no schema'})"
+            for number, channel in sorted(definitions.channels.items(), key=lambda item: item[1].topic)
+            if not self._topics.kind[number] and number not in self._decoders
+        ]
 
     @property
     def fraction(self) -> float:
@@ -77,8 +101,11 @@ class McapFrames:
             for start, end in message_spans(self.file, records):
                 self._learn_channels()
                 span = records[start:end]
+                others = self._others(span) if self._decoders else Frames.empty()
                 n, longest = count_frames(span, self._topics)
                 if n == 0:
+                    if len(others):
+                        yield others
                     continue
                 frames = Frames.empty(int(n), 8 if longest <= 8 else 64)
                 stamps = np.empty(int(n), [("sec", "<i4"), ("nanosec", "<u4")])
@@ -86,28 +113,75 @@ class McapFrames:
                 stamped = Stamps(stamps["sec"], stamps["nanosec"], times)
                 good = int(read_frames(span, self._topics, stamped, FrameColumns.of(frames)))
                 frames.t_us[:good] = unpack_stamp(stamps[:good], times[:good])
-                self._damaged += int(n) - good
-                if good:
+                if good < n:  # damaged, or in the other byte order
+                    swapped = self._swapped(span)
+                    self._damaged += int(n) - good - len(swapped)
+                    others = Frames.concatenate([others, swapped])
+                if len(others):
+                    yield Frames.concatenate([frames[:good], others]).sorted_by_time()
+                elif good:
                     yield frames[:good]
 
     def close(self) -> None:
         """Forget the file."""
         self.file.close()
 
+    def _others(self, span: NDArray[np.uint8]) -> Frames:
+        """Return the frames of messages of other recorders."""
+        return self._decoded(span, self._decoders, self._count_damaged)
+
+    def _swapped(self, span: NDArray[np.uint8]) -> Frames:
+        """Return the frames of our usual type in big-endian CDR."""
+        usual = np.flatnonzero(self._topics.kind == CLASSIC).tolist()
+        return self._decoded(span, dict.fromkeys(usual, big_endian_frame), lambda: None)
+
+    def _count_damaged(self) -> None:
+        self._damaged += 1
+
+    def _decoded(
+        self, span: NDArray[np.uint8], decoders: Mapping[int, Decoder], damaged: Callable[[], None]
+    ) -> Frames:
+        parts: list[Frames] = []
+        found: list[can.Message] = []
+        for message in messages(span.tobytes()):
+            decoder = decoders.get(message.channel)
+            if decoder is None:
+                continue
+            try:
+                frame = decoder(message)
+            except (DamagedRecordError, ValueError, TypeError, OverflowError, struct.error):
+                damaged()
+                continue
+            topic = self._buses[message.channel]
+            frame.channel = topic if frame.channel is None else f"{topic}/{frame.channel}"
+            found.append(frame)
+            if len(found) == _BATCH:
+                parts.append(frames_from_messages(found, self._numbers))
+                found = []
+        return Frames.concatenate([*parts, frames_from_messages(found, self._numbers)])
+
     def _learn_channels(self) -> None:
         definitions = self.file.definitions
         for number in definitions.channels.keys() - self._known:
             self._known.add(number)
             channel = definitions.channels[number]
+            self._buses[number] = bus_of_topic(channel.topic)
             type_name, encoding = definitions.type_of(channel)
-            if encoding != RECORD_ENCODING or channel.message_encoding != MESSAGE_ENCODING:
+            decoder = decoder_of(channel, definitions.schemas.get(channel.schema_id))
+            if decoder is not None:
+                self._decoders[number] = decoder
                 continue
-            self._topics.kind[number] = {FRAME_TYPE: CLASSIC, FD_FRAME_TYPE: FD}.get(type_name, 0)
+            if encoding not in RECORD_ENCODINGS or channel.message_encoding != MESSAGE_ENCODING:
+                continue
+            self._topics.kind[number] = _KINDS.get(plain_type(type_name), 0)
             if self._topics.kind[number]:
-                direction = direction_of_topic(channel.topic)
-                bus = channel.topic.removesuffix("/sent").removesuffix("/tx").removesuffix("/fd")
-                self._topics.number[number] = self._numbers[bus]
-                self._topics.flags[number] = DIRECTION_FLAGS[direction]
+                self._topics.number[number] = self._numbers[self._buses[number]]
+                self._topics.flags[number] = DIRECTION_FLAGS[direction_of_topic(channel.topic)]
+
+
+def bus_of_topic(topic: str) -> str:
+    """Return the topic of frames without who sent them and of which kind they are."""
+    return topic.removesuffix("/sent").removesuffix("/tx").removesuffix("/fd")
 
 
 def message_spans(file: McapFile, records: NDArray[np.uint8], cut: bool = False) -> Iterator[tuple[int, int]]:

@@ -1,12 +1,14 @@
 """Vector ASC logs: ``0.010000 1  123  Rx   d 8 01 02 03 04 05 06 07 08``, and ``CANFD`` lines.
 
-Times are those that stand in the lines, from the start of the measurement, as python-can gives them.
+Times are those that stand in the lines, from the start of the measurement, as python-can gives them. Relative
+ones are summed; `Asc.start_us` is the date of the start.
 """
 
 from __future__ import annotations
 
 import io
 import re
+from itertools import groupby
 
 import can
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.columns import FrameColumns
+from dctorque_can.logs.text.asc_times import TimeRewriter, is_negative, start_of
 from dctorque_can.logs.text.blocks import LastLine
 from dctorque_can.logs.text.lines import Lines, each_message, warnings_of
 from dctorque_can.logs.text.scan import (
@@ -40,17 +43,24 @@ _BASE = re.compile(rb"^\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative)
 
 
 class Asc:
-    """The lines of an ASC log, whose text begins with ``head``."""
+    """The lines of an ASC log, whose text begins with ``head``.
+
+    Attributes:
+        start_us: µs since 1970 at which the measurement began: of the first ``Begin Triggerblock``, else of the
+            header; None when neither has a date that is understood.
+    """
 
     def __init__(self, head: bytes) -> None:
         match = _BASE.search(head)
         self._base = match[1].decode().lower() if match else "hex"
         self.warnings: list[str] = []
-        if match and match[2] and match[2].lower() == b"relative":
-            self.warnings.append(
-                "the header says that times count from the previous event; they are taken as they stand: "
-                "export the log with absolute timestamps"
-            )
+        self.start_us = start_of(head)
+        self._times = TimeRewriter(head)
+        self._negative = 0
+
+    def plain(self, block: bytes) -> bytes:
+        """See `LineFormat.plain`: absolute times with a point."""
+        return self._times.plain(block)
 
     def parse(
         self,
@@ -74,18 +84,32 @@ class Asc:
 
     def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
         """See `LineFormat.messages`."""
+        messages: list[can.Message] = []
         bad: list[str] = []
-        lines = Lines(io.StringIO(text, newline=None))
-        lines.begin(_END_OF_HEADER)
-        messages = each_message(
-            lines,
-            lambda file: can.ASCReader(file, base=self._base),
-            _END_OF_HEADER,
-            lambda lines: bad.append(lines.last),
-        )
-        # It warns of lengths that differ, and takes the data that are there.
-        with warnings_of("can.io.asc", lambda text: None):
-            return list(messages), bad
+        for negative, group in groupby(io.StringIO(text, newline=None), is_negative):
+            lines = Lines(line.replace("-", "", 1) if negative else line for line in group)
+            lines.begin(_END_OF_HEADER)
+            found = each_message(
+                lines,
+                lambda file: can.ASCReader(file, base=self._base),
+                _END_OF_HEADER,
+                lambda lines: bad.append(lines.last),
+            )
+            # It warns of lengths that differ, and takes the data that are there.
+            with warnings_of("can.io.asc", lambda text: None):
+                part = list(found)
+            if negative and part:
+                for message in part:
+                    message.timestamp = -message.timestamp
+                self._tell_negative(len(part))
+            messages += part
+        return messages, bad
+
+    def _tell_negative(self, count: int) -> None:
+        self._negative += count
+        self.warnings[:] = [
+            f"{self._negative} frames have negative times, before the start of the measurement; they are taken so"
+        ]
 
     def last_line(self, line: str) -> LastLine:
         """See `LineFormat.last_line`: the number of bytes stands before the data."""
@@ -215,6 +239,8 @@ def _parse(
         if odd:
             return line, row, IRREGULAR
         at = _skip(data, line, end)
+        if at + 1 < end and data[at] == 45 and 48 <= data[at + 1] <= 57:  # before the start of the measurement
+            return line, row, IRREGULAR
         if at == end or not 48 <= data[at] <= 57:  # empty, header, comment, trigger block
             position = following
             continue

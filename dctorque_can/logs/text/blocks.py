@@ -6,7 +6,6 @@ thereby the rule for what a line means, and the oracle of the tests.
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -17,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.logs.columns import FrameColumns
+from dctorque_can.logs.formats import BOM
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.logs.text.scan import END_OF_BLOCK, LONGEST_NAME, NEW_CHANNEL, NO_ROOM, lines_end
+from dctorque_can.logs.text.unzip import pieces
 from dctorque_can.pipeline.frames import Frames
 
-BLOCK_SIZE = 4 << 20
 _LONGEST_LINE = 1 << 20
 _MOST_NAMES = 256  # more channels than `Frames` can tell apart are left to python-can
 _MOST_LINES = 4096
 _ROWS_AT_ONCE = 1 << 16
-_GZIP = 31  # zlib's word for a gzip header
 
 
 class LastLine(Enum):
@@ -41,10 +40,15 @@ class LineFormat(Protocol):
     """One text format.
 
     Attributes:
-        warnings: what a user should know of this file before he trusts it, one line each.
+        warnings: what a user should know of this file before he trusts it, one line each; may grow.
+        start_us: µs since 1970 at which times count from 0; None where they do not, or the file does not say.
     """
 
     warnings: list[str]
+    start_us: int | None
+
+    def plain(self, block: bytes) -> bytes:
+        """Return a block of whole lines as `parse` reads it, line for line."""
 
     def parse(
         self,
@@ -94,25 +98,27 @@ class TextFrames:
         self.path = path
         self.documents: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
+        self.unread: list[str] = []
+        self.start_us = line_format.start_us
         self.fraction = 0.0
         self._format = line_format
-        self._size = path.stat().st_size
         self._channels = ChannelNumbers()
         self._names = np.zeros((0, LONGEST_NAME), np.uint8)
         self._numbers = np.zeros(0, np.uint8)
         self._line = 1
         self._bad_lines = 0
         self._first_bad_line = ""
-        self._problems = [f"{path}: {warning}" for warning in line_format.warnings]
+        self._problems: list[str] = []
 
     @property
     def problems(self) -> list[str]:
         """What could not be read, one line each; complete when the frames have been read."""
+        problems = [*(f"{self.path}: {warning}" for warning in self._format.warnings), *self._problems]
         if not self._bad_lines:
-            return self._problems
+            return problems
         return [
             f"{self.path}: {self._bad_lines} lines can not be read, the first is {self._first_bad_line}",
-            *self._problems,
+            *problems,
         ]
 
     def close(self) -> None:
@@ -121,7 +127,7 @@ class TextFrames:
     def frames(self) -> Iterator[Frames]:
         """Yield the frames block by block."""
         for block in self._blocks():
-            yield from self._parse(block)
+            yield from self._parse(self._format.plain(block))
             self._line += block.count(b"\n")
         self.fraction = 1.0
 
@@ -130,7 +136,10 @@ class TextFrames:
         rest = b""
         ends_lines = False
         too_long = False  # the line that goes on is, and is left out
+        begins = True
         for part in self._bytes():
+            if begins and part:
+                begins, part = False, part.removeprefix(BOM)
             if too_long:
                 start = part.find(b"\n") + 1
                 if not start:
@@ -168,25 +177,10 @@ class TextFrames:
         return kind is LastLine.PART
 
     def _bytes(self) -> Iterator[bytes]:
-        zipped = self.path.suffix.lower() == ".gz"
-        inflate = zlib.decompressobj(_GZIP)
-        with self.path.open("rb") as file:
-            while part := file.read(BLOCK_SIZE // (8 if zipped else 1)):
-                self.fraction = file.tell() / max(self._size, 1)
-                while zipped and part:
-                    try:
-                        yield inflate.decompress(part, BLOCK_SIZE)  # never more at once, whatever it unpacks to
-                    except zlib.error as error:
-                        self._problems.append(f"{self.path}: compressed data are damaged: {error}")
-                        return
-                    part = inflate.unconsumed_tail or inflate.unused_data
-                    if inflate.eof and part:
-                        inflate = zlib.decompressobj(_GZIP)
-                if not zipped:
-                    yield part
-        if zipped and not inflate.eof:
-            yield inflate.flush()
-            self._problems.append(f"{self.path}: the compressed file is cut off")
+        def read(share: float) -> None:
+            self.fraction = share
+
+        return pieces(self.path, read, lambda problem: self._problems.append(f"{self.path}: {problem}"))
 
     def _parse(self, block: bytes) -> Iterator[Frames]:
         data = np.frombuffer(block, np.uint8)
@@ -222,7 +216,8 @@ class TextFrames:
             frames.data[row:stop, : part.data.shape[1]] = part.data
             position, row = end, stop
         if row:
-            yield frames[:row]
+            # of few frames a copy, so that the room for many does not stay
+            yield frames[:row] if 2 * row > len(frames) else frames[:row].copy()
 
     @staticmethod
     def _width(block: bytes) -> int:

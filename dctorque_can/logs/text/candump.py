@@ -1,8 +1,10 @@
-"""candump logs (``candump -L``, ``.log``): ``(1700000000.000000) can0 123#DEADBEEF R``."""
+"""candump logs (``candump -L``, ``.log``): ``(1700000000.000000) can0 123#DEADBEEF R``; and candump's screen."""
 
 from __future__ import annotations
 
 import io
+import re
+from itertools import groupby
 
 import can
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from dctorque_can.compiled import compiled
 from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.text.blocks import LastLine
+from dctorque_can.logs.text.candump_screen import COLOUR, Screen, is_screen, whole
 from dctorque_can.logs.text.lines import Lines, each_message
 from dctorque_can.logs.text.scan import (
     END_OF_BLOCK,
@@ -31,13 +34,20 @@ _SWITCH = int(FrameFlag.BITRATE_SWITCH)
 _STATE = int(FrameFlag.ERROR_STATE)
 _TRANSMITTED = int(FrameFlag.TRANSMITTED)
 _SPACE, _HASH = 32, 35
+_RAW_DLC = re.compile(r"_[0-9A-Fa-f](?=\s*$|\s+[RT]\s*$)")  # of candump -8, behind the data
 
 
 class Candump:
-    """The lines of a candump log. Each stands alone."""
+    """The lines of a candump log, whose text begins with ``head``."""
 
-    def __init__(self) -> None:
+    def __init__(self, head: bytes = b"") -> None:
         self.warnings: list[str] = []
+        self.start_us: int | None = None
+        self._screen = Screen(COLOUR.sub("", head.decode("utf-8", "replace")))
+
+    def plain(self, block: bytes) -> bytes:
+        """See `LineFormat.plain`."""
+        return block
 
     def parse(
         self,
@@ -58,13 +68,27 @@ class Candump:
 
     def messages(self, text: str) -> tuple[list[can.Message], list[str]]:
         """See `LineFormat.messages`."""
+        messages: list[can.Message] = []
         bad: list[str] = []
-        lines = Lines(io.StringIO(text, newline=None))
-        messages = each_message(lines, can.CanutilsLogReader, "", lambda lines: bad.append(lines.last))
-        return list(messages), bad
+        plain = [COLOUR.sub("", line) for line in io.StringIO(text, newline=None)]
+        for on_screen, group in groupby(plain, is_screen):
+            if on_screen:
+                for line in group:
+                    try:
+                        messages.append(self._screen.message(line))
+                    except ValueError:
+                        bad.append(line)
+                continue
+            lines = Lines(_RAW_DLC.sub("", line) for line in group)
+            messages += each_message(lines, can.CanutilsLogReader, "", lambda lines: bad.append(lines.last))
+        return messages, bad
 
     def last_line(self, line: str) -> LastLine:
         """See `LineFormat.last_line`: the number of bytes stands nowhere."""
+        if is_screen(line):
+            return LastLine.WHOLE if whole(line) else LastLine.PART
+        if _RAW_DLC.search(line):
+            return LastLine.WHOLE
         words = line.split()
         if len(words) == 4:  # the direction stands behind the data
             return LastLine.WHOLE

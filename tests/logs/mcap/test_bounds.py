@@ -83,7 +83,7 @@ def test_a_chunk_that_lies_about_its_unpacked_size_is_read_or_told(tmp_path, com
 
 @pytest.mark.parametrize("compression", ["lz4", "zstd"])
 def test_a_chunk_that_unpacks_to_too_much_is_told(tmp_path, compression, monkeypatch):
-    monkeypatch.setattr("dctorque_can.logs.mcap.compression._LARGEST_CHUNK", 1 << 20)
+    monkeypatch.setattr("dctorque_can.logs.mcap.file.LARGEST_CHUNK", 1 << 20)
     good = chunk(message(cdr_frame(1)))
     for size in (None, 1000):
         path = write_mcap(tmp_path / "x.mcap", definitions(), good, chunk(bytes(2 << 20), compression, size), good)

@@ -150,10 +150,12 @@ def test_decimal_asc(tmp_path):
     )
 
 
-def test_relative_asc_times_are_told(tmp_path):
+def test_relative_asc_times_are_summed(tmp_path):
     path = tmp_path / "x.asc"
-    path.write_text("base hex  timestamps relative\ninternal events logged\n0.5 1 1 Rx d 1 01\n")
-    assert "timestamps" in read(path)[1].problems[0]
+    path.write_text("base hex  timestamps relative\ninternal events logged\n" + 3 * "0.5 1 1 Rx d 1 01\n")
+    frames, log = read(path)
+    assert frames.t_us.tolist() == [500_000, 1_000_000, 1_500_000]
+    assert log.problems == []
 
 
 @given(st.integers(0, 4_000_000_000_000_000), st.integers(0, 12))
@@ -242,7 +244,7 @@ def test_a_last_line_without_line_end(tmp_path, suffix, last, frames, words, zip
 
 
 def test_lines_across_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr("dctorque_can.logs.text.blocks.BLOCK_SIZE", 1000)
+    monkeypatch.setattr("dctorque_can.logs.text.unzip.BLOCK_SIZE", 1000)
     frames = frames_of([frame(START + 100 * i, 0x100, i.to_bytes(4, "big"), channel=i % 3) for i in range(500)])
     for suffix in (".log", ".asc"):
         path = tmp_path / f"x{suffix}"
