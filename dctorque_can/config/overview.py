@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dctorque_can.config.inputs import InputEntry
+from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.load import Config
 from dctorque_can.config.problems import Problem
 from dctorque_can.estimators.methods import Method
