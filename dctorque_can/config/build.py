@@ -29,6 +29,7 @@ from dctorque_can.config.input_doubts import (
     check_missing_shafts,
     check_phases,
     note_costly_delays,
+    note_idle_direction,
     note_missing_axle,
     note_untold_signs,
 )
@@ -39,6 +40,7 @@ from dctorque_can.config.section import S, absent, nearest, sound_parts, validat
 from dctorque_can.config.signals import (
     ClutchStateSection,
     CommandSection,
+    DirectionSection,
     FlagSection,
     GearSignalSection,
     InputSection,
@@ -53,6 +55,7 @@ from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
 from dctorque_can.pipeline.settings import GearInference, OneGear, Settings
 
+_DIRECTIONS = {"forward": 1.0, "backward": -1.0, "standstill": 0.0, "unknown": 0.0}
 CLUTCH_STATES = ("open", "slipping", "closed")
 """Of both clutches together, by the value of `Quantity.CLUTCH_STATE`."""
 
@@ -88,6 +91,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     protections = _protections(document, builder)
     note_missing_axle(document, builder, vehicle)
     note_untold_signs(document, builder)
+    note_idle_direction(document, builder)
     if estimator is not None:
         check_missing_shafts(document, estimator, isinstance(gear_source, GearInference))
         check_phases(document, estimator, phases)
@@ -110,6 +114,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         health_period_us=microseconds(estimator.health_period_ms),
         max_gap_us=microseconds(estimator.max_gap_ms),
         max_step_back_us=microseconds(estimator.max_step_back_ms),
+        direction_measured=document.value(("inputs", "direction", "measured")) is True,
     )
     return Parts(settings, protections, tuple(builder.entries))
 
@@ -153,6 +158,9 @@ def _inputs(document: Document, builder: InputBuilder) -> None:
         quantity = QUANTITY_AT.get(at[1:])
         if quantity is not None and isinstance(part, InputSection) and part.has_signals:
             builder.add(at, quantity, part)
+        elif isinstance(part, DirectionSection) and (part.signal is None) != (part.signals is None):
+            ways = {raw: _DIRECTIONS[way] for raw, way in part.values.items()}
+            builder.add_mapped(at, Quantity.DIRECTION, part, ways)
 
 
 def _gear_source(

@@ -15,6 +15,7 @@ from dctorque_can.config.problems import KeyPath, dotted
 from dctorque_can.config.section import nearest
 from dctorque_can.config.signals import (
     ClutchStateSection,
+    DirectionSection,
     FlagSection,
     GearSignalSection,
     InputSection,
@@ -89,19 +90,22 @@ class InputBuilder:
         self,
         path: KeyPath,
         quantity: Quantity,
-        section: GearSignalSection | FlagSection | ShiftFlagSection | ClutchStateSection,
+        section: GearSignalSection | FlagSection | ShiftFlagSection | ClutchStateSection | DirectionSection,
         values: Mapping[int | str, float],
     ) -> None:
-        """Add one signal whose raw values mean something else (a gear, a flag, a state)."""
-        name = section.signal
-        message, signal = name.split(".")
-        known = {
-            raw: value for key, value in values.items() for raw in self._raw((*path, "values", key), name, key)
-        }
-        term = Term(message, signal, values=known)
+        """Add a signal whose raw values mean something else (a gear, a flag, a state), or the mean of several."""
+        names = section.names if isinstance(section, DirectionSection) else [section.signal]
+        terms = []
+        for name in names:
+            message, signal = name.split(".")
+            known = {
+                raw: value for key, value in values.items() for raw in self._raw((*path, "values", key), name, key)
+            }
+            terms.append(Term(message, signal, factor=1.0 / len(names), values=known))
         lowest, highest = min(values.values()), max(values.values())
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        self._append(path, Input(quantity, (term,), float(lowest), float(highest), timeout, delay), [""])
+        given = Input(quantity, tuple(terms), float(lowest), float(highest), timeout, delay)
+        self._append(path, given, [""] * len(terms))
 
     def protect(self, path: KeyPath, message: str, section: ProtectionSection) -> Protection:
         """Return the protection of one message."""
@@ -148,10 +152,11 @@ class InputBuilder:
         if isinstance(value, dict):
             if "signal" in value:
                 return (*path, "signal")
-            for n, term in enumerate(value.get("sum") or ()):
-                name = term.get("signal") if isinstance(term, dict) else term
-                if name == f"{message}.{signal}" or (not signal and str(name).startswith(f"{message}.")):
-                    return (*path, "sum", n, "signal") if isinstance(term, dict) else (*path, "sum", n)
+            for key in ("sum", "signals"):
+                for n, term in enumerate(value.get(key) or ()):
+                    name = term.get("signal") if isinstance(term, dict) else term
+                    if name == f"{message}.{signal}" or (not signal and str(name).startswith(f"{message}.")):
+                        return (*path, key, n, "signal") if isinstance(term, dict) else (*path, key, n)
         return path
 
     def _signal(self, name: str) -> Signal | None:

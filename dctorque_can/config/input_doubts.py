@@ -79,6 +79,14 @@ def note_untold_signs(document: Document, builder: InputBuilder) -> None:
         document.problems.append(document.problem(("inputs",), reason, warning=True))
 
 
+def note_idle_direction(document: Document, builder: InputBuilder) -> None:
+    """Warn of a direction that is told to speeds that all have a sign."""
+    given = {entry.input.quantity: entry.input.signs for entry in builder.entries}
+    if Quantity.DIRECTION in given and all(signs is Signs.SIGNED for signs in given.values()):
+        reason = "has no effect: all speeds of wheels and shafts have a sign (signed: true)"
+        document.problems.append(document.problem(("inputs", "direction"), reason, warning=True))
+
+
 def note_missing_axle(document: Document, builder: InputBuilder, vehicle: VehicleSection | None) -> None:
     """Warn when the wheels of one axle have to stand in for the other."""
     wheels = {Quantity.WHEEL_SPEED_FL, Quantity.WHEEL_SPEED_FR}, {Quantity.WHEEL_SPEED_RL, Quantity.WHEEL_SPEED_RR}

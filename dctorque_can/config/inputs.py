@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
-from dctorque_can.config.signals import InputSection, SpeedSection
+from dctorque_can.config.signals import DirectionSection, InputSection, SpeedSection
 from dctorque_can.pipeline.samples import Quantity
 
 ANY = (-1e12, 1e12)
@@ -57,6 +57,8 @@ class InputsSection(Section):
     """Speed of input shaft 2, behind clutch 2; only the method kalman can do without it."""
     wheel_speeds: WheelSpeedsSection
     """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
+    direction: DirectionSection | None = None
+    """Which way the car goes, for speeds without sign; one signal, or one of each wheel."""
     acceleration: InputSection | None = None
     """Longitudinal acceleration as an accelerometer has it, dv/dt + g sin(grade)."""
     grade: InputSection | None = None

@@ -39,6 +39,7 @@ LOST = {
     "clutch2_open": PHASE,
     "clutch1_command": PHASE,
     "clutch2_command": PHASE,
+    "direction": "knowledge of the direction, until the drive shows it",
     "acceleration": RECORDED,
     "grade": RECORDED,
     "brake": "mark of braking between clutches",

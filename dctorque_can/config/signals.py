@@ -177,6 +177,37 @@ class ClutchStateSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
+class DirectionSection(Section):
+    """Which way the car goes, as its brakes or its gearbox tell it."""
+
+    signal: SignalName | None = None
+    """Message.Signal, by the names of the DBC."""
+    signals: Annotated[list[SignalName], Field(min_length=1)] | None = None
+    """Instead of ``signal``: one of each wheel; more than half of them must agree."""
+    values: Annotated[dict[RawKey, Literal["forward", "backward", "standstill", "unknown"]], Field(min_length=1)]
+    """Raw value, or name of the value table, to forward, backward, standstill or unknown; others: no value."""
+    measured: bool = False
+    """Whether wheels measure it; else it may come from the lever, until it tells a car that rolls against it."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the direction is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.signal is None and self.signals is None:
+            yield ("signal",), "missing: give signal: Message.Signal, or signals: [ … ] with one of each wheel"
+        if self.signal is not None and self.signals is not None:
+            yield ("signals",), "give either signal or signals, not both"
+        for way in ("forward", "backward"):
+            if way not in self.values.values():
+                yield ("values",), f"no raw value means {way}: a signal that cannot say so tells no direction"
+
+    @property
+    def names(self) -> list[str]:
+        """The signals, one or several."""
+        return [*([] if self.signal is None else [self.signal]), *(self.signals or ())]
+
+
 class FlagSection(Section):
     """A flag that says whether one clutch is open."""
 

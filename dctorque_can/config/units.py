@@ -48,6 +48,7 @@ DIMENSIONS = {
     Quantity.TARGET_GEAR: Dimension.AS_IS,
     Quantity.SHIFT_IN_PROGRESS: Dimension.AS_IS,
     Quantity.CLUTCH_STATE: Dimension.AS_IS,
+    Quantity.DIRECTION: Dimension.AS_IS,
 }
 
 _RPM = 2 * pi / 60

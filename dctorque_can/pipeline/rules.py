@@ -31,6 +31,7 @@ RULES = np.dtype(
         ("release_tolerance", "f8"),
         ("confirm_us", "i8"),
         ("min_wheel_speed", "f8"),
+        ("direction_measured", "u1"),  # the direction that the bus tells is not taken from gear or lever
         ("one_gear", "u1"),  # one gear signal for the whole gearbox (`one_gear`)
         ("phase_source", "i8", (2,)),
         ("closed_above", "f8", (2,)),  # positions and commands, in the direction of closing
@@ -94,6 +95,7 @@ def rules(settings: Settings) -> NDArray[np.void]:
     inference, phases = settings.gear_inference, settings.phases
     if settings.one_gear is not None:
         r["one_gear"], inference = True, settings.one_gear.by_ratio
+    r["direction_measured"] = settings.direction_measured
     r["min_wheel_speed"] = PLAUSIBLE_WHEEL_SPEED
     if inference is not None:
         r["engage_tolerance"] = inference.engage_tolerance

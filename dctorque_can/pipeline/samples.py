@@ -36,6 +36,7 @@ class Quantity(IntEnum):
     TARGET_GEAR = 20  # … and the one that is preselected or shifted to
     SHIFT_IN_PROGRESS = 21  # flag: 1 while it shifts
     CLUTCH_STATE = 22  # of both clutches together: 0 open, 1 slipping, 2 closed
+    DIRECTION = 23  # of the car: 1 forwards, -1 backwards, 0 at rest or not known; of several wheels their mean
 
 
 N_QUANTITIES = len(Quantity)

@@ -14,7 +14,7 @@ from dctorque_can.driveline.parameters import STANDARD_GRAVITY
 from dctorque_can.simulation.one_gear import one_gear
 
 if TYPE_CHECKING:
-    from dctorque_can.simulation.sensors import SensorProfile, Speeds
+    from dctorque_can.simulation.sensors import DirectionErrors, SensorProfile, Speeds
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +22,8 @@ _RPM_PER_RAD_S = 30.0 / pi
 _KMH_PER_M_S = 3.6
 _GEAR_REVERSE = 13  # raw values of demo_car.dbc
 _GEAR_CHANGING = 14
+_SAID = {"forward": 1, "backward": 2, "unknown": 3}  # of demo_car_more.dbc; 0 is standstill
+_TURNS = 0.3  # rad/s at which a wheel counts as turning
 _ACCELERATION_US = 20_000  # over which the acceleration is a mean
 
 
@@ -138,6 +140,30 @@ def _inertial(s: Sampled) -> dict[str, Floats]:
     }
 
 
+def _directions(s: Sampled) -> dict[str, Floats]:
+    errors = s.profile.direction
+    driven = s.value("wheel_speed_rad_s", late_us=errors.delay_us)
+    half = s.value("wheel_difference_rad_s", late_us=errors.delay_us)
+    rolling = s.value("undriven_wheel_speed_rad_s", late_us=errors.delay_us)
+    columns = {"VehicleDirection": driven if s.profile.driven_axle == "all" else rolling}
+    for front, wheels in ((True, ("FL", "FR")), (False, ("RL", "RR"))):
+        drives = s.profile.driven_axle in ("all", "front" if front else "rear")
+        for wheel, sign in zip(wheels, (1.0, -1.0), strict=True):
+            columns[f"WheelDirection{wheel}"] = driven + sign * half if drives else rolling
+    return {name: _direction(speed, errors) for name, speed in columns.items()}
+
+
+def _direction(speed: Floats, errors: DirectionErrors) -> Floats:
+    """Return what is said of a wheel at each of its speeds."""
+    if errors.stuck:
+        return np.full(len(speed), float(_SAID[errors.stuck]))
+    said = np.where(speed > _TURNS, _SAID["forward"], np.where(speed < -_TURNS, _SAID["backward"], 0))
+    if errors.freezes:
+        last = np.maximum.accumulate(np.where(said != 0, np.arange(len(said)), -1))
+        said = np.where(last < 0, _SAID["forward"], said[np.maximum(last, 0)])
+    return said.astype(float)
+
+
 COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "EngineData": _engine,
     "InputShafts": _shafts,
@@ -146,4 +172,5 @@ COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "WheelSpeedsRear": _axle(front=False),
     "Inertial": _inertial,
     "Transmission": _transmission,
+    "WheelDirections": _directions,
 }

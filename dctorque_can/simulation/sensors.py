@@ -79,6 +79,21 @@ class InertialErrors:
 
 
 @dataclass(frozen=True, slots=True)
+class DirectionErrors:
+    """Errors of the message WheelDirections.
+
+    Attributes:
+        delay_us: from the motion to what is said of it.
+        freezes: at rest it says what it said before, instead of standstill.
+        stuck: the one thing that it says, whatever the car does; "" for what is true.
+    """
+
+    delay_us: int = 40_000
+    freezes: bool = False
+    stuck: Literal["", "forward", "backward", "unknown"] = ""
+
+
+@dataclass(frozen=True, slots=True)
 class SensorProfile:
     """How a car measures and sends.
 
@@ -93,6 +108,7 @@ class SensorProfile:
         driven_axle: whose wheels the transmission turns.
         seed: of noise and jitter.
         inertial: errors of the message Inertial, if it is sent.
+        direction: errors of the message WheelDirections, if it is sent.
         unsigned: speeds that are measured and sent without their sign, as by most production sensors: they count
             teeth. Noise and resolution are then those of the magnitude.
         gear_changes: when in a shift the one gear of the message Transmission changes: in the middle, when the new
@@ -109,6 +125,7 @@ class SensorProfile:
     driven_axle: Literal["front", "rear", "all"] = "front"
     seed: int = 0
     inertial: InertialErrors = InertialErrors()
+    direction: DirectionErrors = DirectionErrors()
     unsigned: frozenset[Speeds] = frozenset()
     gear_changes: GearChange = "end"
 
@@ -151,6 +168,11 @@ ONE_GEAR = replace(
     PRODUCTION, name="one_gear", timing={**PRODUCTION.timing, "Transmission": Timing(10_000, 5_300, 1_000, 400)}
 )
 """The same with one gear signal for the whole gearbox: every other message is the same bit for bit."""
+
+MORE = replace(
+    PRODUCTION, name="more", timing={**PRODUCTION.timing, "WheelDirections": Timing(20_000, 7_300, 2_000, 400)}
+)
+"""The same with the messages of dbc/demo_car_more.dbc: every other message is the same bit for bit."""
 
 
 @dataclass(slots=True)

@@ -56,7 +56,11 @@ def test_json_for_scripts() -> None:
         ["rpm"],
         10,
     )
-    assert [row["quantity"] for row in report["inputs"] if not row["present"]] == ["acceleration", "grade"]
+    assert [row["quantity"] for row in report["inputs"] if not row["present"]] == [
+        "acceleration",
+        "grade",
+        "direction",
+    ]
 
 
 def test_errors_go_to_stderr_and_end_with_1(write) -> None:

@@ -351,3 +351,74 @@ def test_one_state_of_both_clutches_or_none(load: Load) -> None:
     assert config.settings.phases.lock_time_us == 80_000
     with pytest.raises(ConfigError, match=r"clutch_phase\.source = none: the method oh2014 must be told"):
         load({"clutch_phase": {"source": "none"}, "estimator.method": "oh2014"})
+
+
+def more(*extra: dict[str, Any]) -> dict[str, Any]:
+    """Return changes that add demo_car_more.dbc, and ``extra`` ones."""
+    changes: dict[str, Any] = {"databases.1": str(shipped_dbc("demo_car_more"))}
+    for each in extra:
+        changes |= each
+    return changes
+
+
+def test_a_direction_of_the_car_and_of_its_wheels(load: Load) -> None:
+    values = {"forward": "forward", 2: "backward", 0: "standstill", 3: "unknown"}
+    one_signal = {"signal": "WheelDirections.VehicleDirection", "values": values, "delay_ms": 40}
+    config = load(more({"inputs.direction": one_signal, "inputs.wheel_speeds.fl.signed": False}))
+    direction = one(config, Quantity.DIRECTION)
+    assert direction.terms[0].values == {1: 1.0, 2: -1.0, 0: 0.0, 3: 0.0}
+    assert (direction.minimum, direction.maximum, direction.delay_us) == (-1.0, 1.0, 40_000)
+    assert config.settings.direction_measured is False
+    wheels = [f"WheelDirections.WheelDirection{wheel}" for wheel in ("FL", "FR", "RL")]
+    config = load(more({"inputs.direction": {"signals": wheels, "values": values, "measured": True}}))
+    raw = {"WheelDirectionFL": 1, "WheelDirectionFR": 1, "WheelDirectionRL": 2}
+    total = sum(t.factor * t.values[raw[t.signal]] for t in one(config, Quantity.DIRECTION).terms)
+    assert total == pytest.approx(1 / 3)
+    assert config.settings.direction_measured is True
+
+
+def test_a_direction_has_no_effect_on_speeds_with_a_sign(load: Load) -> None:
+    values = {1: "forward", 2: "backward"}
+    signed = {f"inputs.wheel_speeds.{wheel}.signed": True for wheel in ("fl", "fr", "rl", "rr")}
+    signed |= {f"inputs.shaft{i}_speed.signed": True for i in (1, 2)}
+    direction = {"inputs.direction": {"signal": "WheelDirections.VehicleDirection", "values": values}}
+    told = [w for w in load(more(signed, direction)).warnings if w.key == "inputs.direction"]
+    assert ["no effect" in warning.reason for warning in told] == [True]
+    assert not [w for w in load(more(direction)).warnings if w.key == "inputs.direction"]
+
+
+@pytest.mark.parametrize(
+    ("direction", "key", "reason"),
+    [
+        ({"values": {1: "forward", 2: "backward"}}, "signal", "missing: give signal"),
+        (
+            {"signal": "WheelDirections.VehicleDirection", "values": {1: "forward"}},
+            "values",
+            "no raw value means backward",
+        ),
+        (
+            {"signal": "WheelDirections.VehicleDirection", "values": {1: "forwards", 2: "backward"}},
+            "values.1",
+            "must be one of: forward, backward, standstill or unknown",
+        ),
+        (
+            {"signal": "WheelDirections.VehicleDirection", "values": {"ahead": "forward", 2: "backward"}},
+            "values.ahead",
+            "'ahead' is not in the value table",
+        ),
+        (
+            {"signals": ["WheelDirections.WheelDirectionXX"], "values": {1: "forward", 2: "backward"}},
+            "signals.0",
+            "is not a signal of WheelDirections",
+        ),
+        (
+            {"signal": "A.B", "signals": ["A.B"], "values": {1: "forward", 2: "backward"}},
+            "signals",
+            "give either signal or signals",
+        ),
+    ],
+)
+def test_a_direction_that_is_wrong(errors, direction: dict[str, Any], key: str, reason: str) -> None:
+    (problem,) = errors(more({"inputs.direction": direction}))
+    assert problem.key == f"inputs.direction.{key}"
+    assert reason in problem.reason
