@@ -93,7 +93,7 @@ def replay(
             f"{result.estimates} {'smoothed ' if smooth else ''}estimates, "
             f"{result.valid_estimates} with valid clutch torques" + (f", in {output}" if output else "")
         )
-        for line in status_lines(result.status) if result.estimates else ():
+        for line in status_lines(result.status, result.status_time) if result.estimates else ():
             say(line)
         for line in finding_lines(result.health["findings"]):
             say(line)

@@ -126,7 +126,7 @@ def _show(summary: Summary) -> None:
         f"{summary.published} frames out"
         + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
     )
-    for line in status_lines(summary.status) if summary.estimates else ():
+    for line in status_lines(summary.status, summary.status_time) if summary.estimates else ():
         say(line)
     for line in finding_lines(summary.health["findings"]):
         say(line)

@@ -47,6 +47,7 @@ class Summary:
         estimates: given.
         valid_estimates: of these, with both clutch torques valid.
         status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
+        status_time: the same as shares of the time.
         never_received: mapped inputs of which no usable value came.
         published: frames sent.
         refused_ids: identifiers that someone else uses.
@@ -62,6 +63,7 @@ class Summary:
     estimates: int
     valid_estimates: int
     status: dict[str, float]
+    status_time: dict[str, float]
     never_received: list[str]
     published: int
     refused_ids: list[int]
@@ -211,7 +213,7 @@ class Service:
             self._publisher.hear(frames)
         estimates = self._chain.feed(frames)
         if len(estimates):
-            self._status.count(estimates.rows["status"])
+            self._status.count(estimates.rows["t_us"], estimates.rows["status"])
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
             sent = self._publisher.publish(estimates.rows)
@@ -274,6 +276,7 @@ class Service:
             estimates=self._status.estimates,
             valid_estimates=self._status.having(BOTH_CLUTCHES),
             status=self._status.as_json(),
+            status_time=self._status.time_as_json(),
             never_received=never_received(self._config.inputs, self._chain.health),
             published=self._link.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],

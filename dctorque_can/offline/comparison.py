@@ -213,7 +213,7 @@ def _result(
         healths.append(chain.health)
         missing = never_received(variant.config.inputs, chain.health)
         status = StatusShares()
-        status.count(estimates["status"])
+        status.count(estimates["t_us"], estimates["status"])
         remarks |= dict.fromkeys(doubts(missing, len(estimates), status.having(BOTH_CLUTCHES)))
         pairs.append((estimates, drive.truth))
     try:

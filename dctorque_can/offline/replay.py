@@ -72,6 +72,7 @@ class ReplayResult:
         smoothed: whether these are smoothed.
         valid_estimates: of these, with both clutch torques valid.
         status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
+        status_time: the same as shares of the time.
         never_received: mapped inputs of which no usable value came.
         seconds: from opening to the closed result.
         bus_seconds: time that the frames span; a step back of the clock takes nothing away.
@@ -86,6 +87,7 @@ class ReplayResult:
     smoothed: bool
     valid_estimates: int
     status: dict[str, float]
+    status_time: dict[str, float]
     never_received: list[str]
     seconds: float
     bus_seconds: float
@@ -179,6 +181,7 @@ def replay_logs(
         smoothed=content.smooth,
         valid_estimates=replay.status.having(BOTH_CLUTCHES),
         status=replay.status.as_json(),
+        status_time=replay.status.time_as_json(),
         never_received=replay.never_received,
         seconds=round(time.monotonic() - began_s, 3),
         bus_seconds=replay.time.seconds,
@@ -243,7 +246,7 @@ class _Replay:
             rows = rows[n:]
 
     def _give(self, frames: Frames, estimates: Estimates) -> None:
-        self.status.count(estimates.rows["status"])
+        self.status.count(estimates.rows["t_us"], estimates.rows["status"])
         if self._content.truth:
             self._rows.append(estimates.rows)
         if self._log is not None:
