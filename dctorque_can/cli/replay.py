@@ -68,7 +68,7 @@ def replay(
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
-            from dctorque_can.report.status_lines import finding_lines, status_lines
+            from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines
 
         if output is not None:
             refuse_existing(output, logs, force)
@@ -101,6 +101,8 @@ def replay(
             sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())
             say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
             say(learned(result.health["engine_torque"]))
+        for line in hint_lines(result.health["hints"]):
+            say(line)
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")
         if result.errors is not None:

@@ -102,6 +102,9 @@ HEALTH = np.dtype(
         ("innovations", "i8", (len(SENSORS),)),  # speeds but zeros that the filter took; 0: the 2014 observer
         ("innovation_squares", "f8", (len(SENSORS),)),  # … and the sum of their normalised innovations squared
         ("innovations_rejected", "i8", (len(SENSORS),)),  # speeds beyond its gate
+        ("speed_noise_told_rad_s", "f8", (len(SENSORS),)),  # noise of one sample as configured, …
+        ("speed_noise_rad_s", "f8", (len(SENSORS),)),  # … as learned from all samples
+        ("speed_noise_samples", "f8", (len(SENSORS),)),  # … and how many these are; 0: the 2014 observer
         ("engine_torque_gain_error", "f8"),  # learned share that the engine's torque is above the nominal one, …
         ("engine_torque_gain_sigma", "f8"),  # its standard deviation, 0 with the 2014 observer
         ("engine_torque_lag_error_s", "f8"),  # … and time that it is behind it, beyond the configured one

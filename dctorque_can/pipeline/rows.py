@@ -120,6 +120,8 @@ def report(inputs: Any, health: Any, monitor: Any, row: Any) -> None:
     for sensor in range(_SENSORS):
         row.innovations[sensor] = row.innovations_rejected[sensor] = 0
         row.innovation_squares[sensor] = 0.0
+        row.speed_noise_told_rad_s[sensor] = row.speed_noise_rad_s[sensor] = 0.0
+        row.speed_noise_samples[sensor] = 0.0
     row.engine_torque_gain_error = row.engine_torque_gain_sigma = 0.0
     row.engine_torque_lag_error_s = row.engine_torque_lag_sigma_s = 0.0
     for quantity in range(N_QUANTITIES):

@@ -35,6 +35,11 @@ def finding_lines(findings: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"vehicle file: {finding['says']}{_standing(finding)}" for finding in findings]
 
 
+def hint_lines(hints: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the result of `analysis.noise_hints` for people, one line each."""
+    return [f"hint: {hint['says']}" for hint in hints]
+
+
 def _standing(finding: Mapping[str, Any]) -> str:
     if not finding["stands"]:
         return " [no longer so at the end]"
