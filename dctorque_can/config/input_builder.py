@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from cantools.database.can import Database, Message, Signal
 
 from dctorque_can.bus.problems import input_problems
+from dctorque_can.config.dbc_signal import can_be_negative
 from dctorque_can.config.document import Document
 from dctorque_can.config.inputs import ANY, PLAUSIBLE
 from dctorque_can.config.problems import KeyPath, dotted
@@ -24,8 +26,8 @@ from dctorque_can.config.signals import (
     SpeedSection,
     TermSection,
 )
-from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit
-from dctorque_can.pipeline.samples import Input, Protection, Quantity, Signs, Term
+from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit, share_of
+from dctorque_can.pipeline.samples import Input, Multiplier, Protection, Quantity, Signs, Term
 
 SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no value", "fault", "error")
 
@@ -39,6 +41,7 @@ class InputEntry:
         input: what the decoder is told.
         units: unit of each term, as given or as in the DBC; "" where the value is kept or mapped.
         periods_ms: cycle time of each term's message, None where the DBC has none.
+        multiplier_unit: unit of the multiplier, if there is one.
         resolution: SI, rounding has the variance resolution²/12; 0 of floats, and where a value is mapped.
     """
 
@@ -47,6 +50,16 @@ class InputEntry:
     units: tuple[str, ...]
     periods_ms: tuple[float | None, ...]
     resolution: float = 0.0
+    multiplier_unit: str = ""
+
+
+class _Factored(NamedTuple):
+    """A multiplier, its unit and the factor of that to SI, and whether it has the unit of the quantity."""
+
+    multiplier: Multiplier
+    unit: str
+    factor: float
+    has_unit: bool
 
 
 class InputBuilder:
@@ -65,9 +78,11 @@ class InputBuilder:
         terms: list[Term] = []
         units: list[str] = []
         factors: list[float] = []
+        factored = self._multiplier(path, section, dimension)
         for below, term in section.terms():
             at = (*path, *below)
-            unit, factor = self._unit(at, term, dimension)
+            shares = factored is not None and factored.has_unit
+            unit, factor = self._share(at, term) if shares else self._unit(at, term, dimension)
             message, signal = term.signal.split(".")
             terms.append(
                 Term(
@@ -80,11 +95,17 @@ class InputBuilder:
             )
             units.append(unit)
             factors.append(factor)
+        if factored is not None and factored.has_unit:
+            factors = [factored.factor]
         lowest, highest = self._range(path, section, quantity, factors)
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        signs = self._signs(path, section, terms)
-        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs)
-        self._append(path, given, units, self._resolution(terms))
+        signs = self._signs(path, section, [*terms, *([] if factored is None else [factored.multiplier.term])])
+        multiplier = None if factored is None else factored.multiplier
+        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs, multiplier)
+        if factored is None:
+            self._append(path, given, units, self._resolution(terms))
+        else:
+            self._append(path, given, units, multiplier_unit=factored.unit)
 
     def add_mapped(
         self,
@@ -127,12 +148,50 @@ class InputBuilder:
                     self._complain(path, problem.reason, problem.suggestions)
                 elif problem.signal and (keys[problem.signal],) not in reported:
                     self._complain((*path, keys[problem.signal]), problem.reason, problem.suggestions)
-            used = {term.message for entry in self.entries for term in entry.input.terms}
+            used = {term.message for entry in self.entries for term in entry.input.signals}
             if message in self._messages and message not in used:
                 self._warn(path, "has no effect: no input comes from this message")
         return protection
 
-    def _append(self, path: KeyPath, given: Input, units: Iterable[str], resolution: float = 0.0) -> None:
+    def _multiplier(self, path: KeyPath, section: InputSection, dimension: Dimension) -> _Factored | None:
+        """Return what an input is multiplied with, or divided by."""
+        if section.multiplier is None:
+            return None
+        key, given = section.multiplier
+        at, term = (*path, key), given.term()
+        unit, share = self._unit_of(term), share_of(self._unit_of(term))
+        has_unit = share is None and key == "times" and dimension is not Dimension.AS_IS
+        if has_unit:
+            unit, factor = self._unit(at, term, dimension)
+            if section.reference_nm is not None:
+                reason = f"is what {given.signal} says: leave reference_nm or times out"
+                self._complain((*path, "reference_nm"), reason)
+        elif dimension is Dimension.AS_IS:
+            factor = 1.0
+        else:
+            unit, factor = self._share(at, term)
+        message, signal = given.signal.split(".")
+        made = Term(
+            message,
+            signal,
+            factor=given.factor * factor,
+            offset=given.offset * factor,
+            not_available=frozenset(self._not_available(at, term)),
+        )
+        known = self._messages.get(message)
+        if known is not None and known.cycle_time and given.timeout_ms < 2 * known.cycle_time:
+            reason = f"is less than two periods of {known.cycle_time:g} ms: one lost frame makes the input stale"
+            self._warn((*at, "timeout_ms"), reason)
+        return _Factored(Multiplier(made, _us(given.timeout_ms), key == "divided_by"), unit, factor, has_unit)
+
+    def _append(
+        self,
+        path: KeyPath,
+        given: Input,
+        units: Iterable[str],
+        resolution: float = 0.0,
+        multiplier_unit: str = "",
+    ) -> None:
         if self._database is not None:
             for problem in input_problems(self._database, (given,), ()):
                 self._complain(
@@ -144,12 +203,18 @@ class InputBuilder:
         if given.timeout_us < 2000 * longest:
             reason = f"is less than two periods of {longest:g} ms: one lost frame makes the input stale"
             self._warn((*path, "timeout_ms"), reason)
-        self.entries.append(InputEntry(dotted(path), given, tuple(units), periods, resolution))
+        entry = InputEntry(dotted(path), given, tuple(units), periods, resolution, multiplier_unit)
+        self.entries.append(entry)
 
     def _place(self, path: KeyPath, message: str, signal: str) -> KeyPath:
         """Return the key path of the signal that a problem of the bus is about."""
         value = self._document.value(path)
         if isinstance(value, dict):
+            for key in ("times", "divided_by"):
+                factor = value.get(key)
+                name = factor.get("signal") if isinstance(factor, dict) else factor
+                if name == f"{message}.{signal}" or (not signal and str(name).startswith(f"{message}.")):
+                    return (*path, key, "signal") if isinstance(factor, dict) else (*path, key)
             if "signal" in value:
                 return (*path, "signal")
             for key in ("sum", "signals"):
@@ -177,7 +242,7 @@ class InputBuilder:
         """Return whether a speed has a sign: as the key says, else as far as the DBC does."""
         if not isinstance(section, SpeedSection):
             return Signs.SIGNED
-        possible = any(self._can_be_negative(term) for term in terms)
+        possible = any(can_be_negative(self._signal(f"{term.message}.{term.signal}"), term) for term in terms)
         if section.signed and not possible:
             reason = "the DBC has no negative values for it: a car that rolls backwards is told as going forwards"
             self._warn((*path, "signed"), reason)
@@ -185,17 +250,19 @@ class InputBuilder:
             return Signs.UNTOLD if possible else Signs.UNSIGNED
         return Signs.SIGNED if section.signed else Signs.UNSIGNED
 
-    def _can_be_negative(self, term: Term) -> bool:
-        """Return whether a term of a speed can be negative: yes where the DBC is not known."""
-        signal = self._signal(f"{term.message}.{term.signal}")
-        if signal is None or signal.conversion.is_float:
-            return signal is None or signal.minimum is None or signal.minimum < 0
-        ends = (
-            (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1)
-            if signal.is_signed
-            else (0, 2**signal.length - 1)
-        )
-        return any(term.factor * (signal.scale * raw + signal.offset) + term.offset < 0.0 for raw in ends)
+    def _unit_of(self, term: TermSection) -> str:
+        """Return the unit of a signal as it is given, else that of the DBC."""
+        signal = self._signal(term.signal)
+        return term.unit or ((signal.unit or "").strip() if signal else "")
+
+    def _share(self, path: KeyPath, term: TermSection) -> tuple[str, float]:
+        """Return the unit of a signal that must be a share, and its factor to a number."""
+        unit = self._unit_of(term)
+        share = share_of(unit)
+        if share is None:
+            reason = f"the unit {unit!r} does not fit here: one of both must be a share (%, or 1 for a number)"
+            self._complain((*path, "unit"), reason)
+        return unit, share or 1.0
 
     def _unit(self, path: KeyPath, term: TermSection, dimension: Dimension) -> tuple[str, float]:
         """Return the unit of a signal and its factor to SI; 1 where there is none to be found."""

@@ -92,7 +92,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
     protections = {protection.message: protection for protection in config.protections}
     periods = [period for period in entry.periods_ms if period]
     kinds = []
-    for message in dict.fromkeys(term.message for term in entry.input.terms):
+    for message in dict.fromkeys(term.message for term in entry.input.signals):
         protection = protections.get(message)
         kind = "none" if protection is None else protection.crc
         counted = protection is not None and protection.counter_signal
@@ -108,6 +108,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "offsets": [term.offset for term in entry.input.terms],
         "mapped": [{str(raw): value for raw, value in term.values.items()} for term in entry.input.terms],
         "not_available": [sorted(term.not_available) for term in entry.input.terms],
+        "multiplier": _multiplier(entry),
         "minimum": entry.input.minimum,
         "maximum": entry.input.maximum,
         "period_ms": max(periods) if periods else None,
@@ -116,6 +117,22 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "sign": _sign(entry),
         "protection": kinds,
         "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else _lost(name, config),
+    }
+
+
+def _multiplier(entry: InputEntry) -> dict[str, Any] | None:
+    """Return what an input is multiplied with, or divided by."""
+    given = entry.input.multiplier
+    if given is None:
+        return None
+    return {
+        "signal": f"{given.term.message}.{given.term.signal}",
+        "divides": given.divides,
+        "unit": entry.multiplier_unit,
+        "factor": given.term.factor,
+        "offset": given.term.offset,
+        "not_available": sorted(given.term.not_available),
+        "timeout_ms": given.timeout_us / 1000,
     }
 
 

@@ -64,13 +64,44 @@ class TermSection(Section):
         return {"signal": value} if isinstance(value, str) else value
 
 
+class MultiplierSection(Section):
+    """One DBC signal that an input is multiplied with, or divided by."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    factor: float = 1.0
+    """Multiplies the signal."""
+    offset: float = 0.0
+    """Added after ``factor``, in the unit of the signal."""
+    unit: str | None = None
+    """Unit of the signal, % or 1 for a share; default: the unit of the DBC."""
+    not_available: list[RawKey] | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"."""
+    timeout_ms: TimeoutMs = 5000.0
+    """Age up to which its latest value counts, ms."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        return {"signal": value} if isinstance(value, str) else value
+
+    def term(self) -> TermSection:
+        """Return what it has in common with a signal of a sum."""
+        common = {name: getattr(self, name) for name in ("signal", "factor", "offset", "unit", "not_available")}
+        return TermSection(**common)
+
+
 class InputSection(Section):
-    """One input: a signal, or a sum of signals."""
+    """One input: a signal, or a sum of signals; times another one, or divided by it."""
 
     signal: SignalName | None = None
     """Message.Signal, by the names of the DBC; the section may be just this text."""
     sum: Annotated[list[TermSection], Field(min_length=1)] | None = None
     """Instead of ``signal``: the signals to be added, each with its own factor."""
+    times: MultiplierSection | None = None
+    """Signal that the value is multiplied with: one of both has the unit, the other one is a share."""
+    divided_by: MultiplierSection | None = None
+    """Signal that the value is divided by: a share."""
     factor: float = 1.0
     """Multiplies the signal; -1 turns its sign."""
     offset: float = 0.0
@@ -104,6 +135,15 @@ class InputSection(Section):
                     yield (name,), f"belongs to the signals of the sum: put {name} into each of them"
         if self.range is not None and self.range[0] >= self.range[1]:
             yield ("range",), "must be [lowest, highest]"
+        if self.times is not None and self.divided_by is not None:
+            yield ("divided_by",), "give either times or divided_by, not both"
+
+    @property
+    def multiplier(self) -> tuple[str, MultiplierSection] | None:
+        """The signal of ``times`` or ``divided_by``, with that key."""
+        if self.times is not None:
+            return "times", self.times
+        return None if self.divided_by is None else ("divided_by", self.divided_by)
 
     @property
     def has_signals(self) -> bool:

@@ -138,6 +138,14 @@ def factor_to_si(
     return known[plain]
 
 
+def share_of(unit: str) -> float | None:
+    """Return the factor of a unit that makes a mere number: of per cent, or of none; None for any other unit."""
+    plain = _plain(unit)
+    if plain in _PERCENT:
+        return 0.01
+    return 1.0 if plain in ("", "1", "-") else None
+
+
 def same_unit(first: str, second: str) -> bool:
     """Return whether two unit texts are spellings of the same unit."""
     a, b = _plain(first), _plain(second)

@@ -127,8 +127,23 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True)
+class Multiplier:
+    """A signal that the sum of an input is multiplied with, or divided by.
+
+    Attributes:
+        term: the signal.
+        timeout_us: age up to which its latest value counts.
+        divides: whether the sum is divided by it.
+    """
+
+    term: Term
+    timeout_us: int
+    divides: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Input:
-    """One quantity as the sum of DBC signals.
+    """One quantity as the sum of DBC signals, or as that times another signal.
 
     An input of several messages is renewed by each of them with the latest value of the others, as long as
     those are younger than ``timeout_us``.
@@ -136,11 +151,12 @@ class Input:
     Attributes:
         quantity: what it measures.
         terms: the signals to be summed, at least one.
-        minimum: SI; a smaller sum is `SampleStatus.OUT_OF_RANGE`.
-        maximum: SI; a larger sum is `SampleStatus.OUT_OF_RANGE`.
+        minimum: SI; a smaller value is `SampleStatus.OUT_OF_RANGE`.
+        maximum: SI; a larger value is `SampleStatus.OUT_OF_RANGE`.
         timeout_us: time since its last frame at which the input is stale.
         delay_us: from when a sample is taken to the time of its frame.
         signs: of a speed of wheels or shafts, whether it has one.
+        multiplier: what the sum is multiplied with, or divided by.
     """
 
     quantity: Quantity
@@ -150,6 +166,12 @@ class Input:
     timeout_us: int
     delay_us: int = 0
     signs: Signs = Signs.SIGNED
+    multiplier: Multiplier | None = None
+
+    @property
+    def signals(self) -> tuple[Term, ...]:
+        """All signals: those of the sum, and the multiplier."""
+        return self.terms if self.multiplier is None else (*self.terms, self.multiplier.term)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ _GEAR_REVERSE = 13  # raw values of demo_car.dbc
 _GEAR_CHANGING = 14
 _SAID = {"forward": 1, "backward": 2, "unknown": 3}  # of demo_car_more.dbc; 0 is standstill
 _TURNS = 0.3  # rad/s at which a wheel counts as turning
+_FRICTION_NM, _FRICTION_NMS = 12.0, 0.05  # of the engine, at rest and for each rad/s
 _ACCELERATION_US = 20_000  # over which the acceleration is a mean
 
 
@@ -68,10 +69,7 @@ class Sampled:
 
 def _engine(s: Sampled) -> dict[str, Floats]:
     profile = s.profile
-    torque = s.value("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
-    if profile.torque_lag_s > 0.0:
-        torque += profile.torque_lag_s * s.rate("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
-    torque = profile.torque_gain * torque + profile.torque_offset_nm
+    torque = _nominal_torque(s)
     speed = s.value("engine_speed_rad_s", profile.noise.engine_speed_rad_s)
     noise = profile.noise.engine_torque_nm * s.random.standard_normal(len(torque))
     return {
@@ -164,6 +162,27 @@ def _direction(speed: Floats, errors: DirectionErrors) -> Floats:
     return said.astype(float)
 
 
+def _nominal_torque(s: Sampled) -> Floats:
+    """Return the torque of the engine as its control unit tells it, but for noise."""
+    profile = s.profile
+    torque = s.value("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
+    if profile.torque_lag_s > 0.0:
+        torque += profile.torque_lag_s * s.rate("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
+    return profile.torque_gain * torque + profile.torque_offset_nm
+
+
+def _engine_share(s: Sampled) -> dict[str, Floats]:
+    torque = _nominal_torque(s)
+    torque += s.profile.noise.engine_torque_nm * s.random.standard_normal(len(torque))
+    friction = _FRICTION_NM + _FRICTION_NMS * s.value("engine_speed_rad_s")
+    per_cent = 100.0 / s.profile.reference_torque_nm
+    return {"IndicatedTorque": (torque + friction) * per_cent, "FrictionTorque": friction * per_cent}
+
+
+def _engine_reference(s: Sampled) -> dict[str, Floats]:
+    return {"ReferenceTorque": np.full(len(s.at_us), s.profile.reference_torque_nm)}
+
+
 COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "EngineData": _engine,
     "InputShafts": _shafts,
@@ -173,4 +192,6 @@ COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "Inertial": _inertial,
     "Transmission": _transmission,
     "WheelDirections": _directions,
+    "EngineShare": _engine_share,
+    "EngineReference": _engine_reference,
 }

@@ -108,6 +108,7 @@ class SensorProfile:
         driven_axle: whose wheels the transmission turns.
         seed: of noise and jitter.
         inertial: errors of the message Inertial, if it is sent.
+        reference_torque_nm: what 100 % of the torques of the message EngineShare are.
         direction: errors of the message WheelDirections, if it is sent.
         unsigned: speeds that are measured and sent without their sign, as by most production sensors: they count
             teeth. Noise and resolution are then those of the magnitude.
@@ -125,6 +126,7 @@ class SensorProfile:
     driven_axle: Literal["front", "rear", "all"] = "front"
     seed: int = 0
     inertial: InertialErrors = InertialErrors()
+    reference_torque_nm: float = 400.0
     direction: DirectionErrors = DirectionErrors()
     unsigned: frozenset[Speeds] = frozenset()
     gear_changes: GearChange = "end"
@@ -170,7 +172,14 @@ ONE_GEAR = replace(
 """The same with one gear signal for the whole gearbox: every other message is the same bit for bit."""
 
 MORE = replace(
-    PRODUCTION, name="more", timing={**PRODUCTION.timing, "WheelDirections": Timing(20_000, 7_300, 2_000, 400)}
+    PRODUCTION,
+    name="more",
+    timing={
+        **PRODUCTION.timing,
+        "WheelDirections": Timing(20_000, 7_300, 2_000, 400),
+        "EngineShare": Timing(10_000, 0, 1_500, 400),
+        "EngineReference": Timing(1_000_000, 3_100, 2_000, 400),
+    },
 )
 """The same with the messages of dbc/demo_car_more.dbc: every other message is the same bit for bit."""
 

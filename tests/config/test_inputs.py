@@ -422,3 +422,84 @@ def test_a_direction_that_is_wrong(errors, direction: dict[str, Any], key: str, 
     (problem,) = errors(more({"inputs.direction": direction}))
     assert problem.key == f"inputs.direction.{key}"
     assert reason in problem.reason
+
+
+SHARE = {
+    "sum": ["EngineShare.IndicatedTorque", {"signal": "EngineShare.FrictionTorque", "factor": -1}],
+    "not_available": [4095],
+}
+REFERENCE = {"signal": "EngineReference.ReferenceTorque", "not_available": ["not available"]}
+
+
+def test_a_share_times_its_reference_torque(load: Load) -> None:
+    """(60 % − 12 %) · 400 N·m; the range is in N·m, as the reference is."""
+    torque = SHARE | {"times": REFERENCE, "range": [-200, 500]}
+    config = load(more({"inputs.engine_torque": torque}))
+    given = one(config, Quantity.ENGINE_TORQUE)
+    share = si_of(config, Quantity.ENGINE_TORQUE, {"IndicatedTorque": 1600, "FrictionTorque": 1120})
+    assert share == pytest.approx(0.48)
+    assert given.multiplier is not None
+    assert share * 400.0 * given.multiplier.term.factor == pytest.approx(192.0)
+    assert (given.multiplier.timeout_us, given.multiplier.divides) == (5_000_000, False)
+    assert given.multiplier.term.not_available == {65535}
+    assert (given.minimum, given.maximum) == (-200.0, 500.0)
+    assert [w for w in config.warnings if w.key.startswith("inputs.engine_torque")] == []
+
+
+def test_a_torque_times_a_share_and_a_speed_divided_by_one(load: Load) -> None:
+    changes = {
+        "inputs.engine_torque.times": {"signal": "EngineShare.IndicatedTorque", "not_available": [4095]},
+        "inputs.shaft1_speed.divided_by": {"signal": "EngineData.BrakeActive", "unit": "1", "timeout_ms": 50},
+    }
+    config = load(more(changes))
+    torque, speed = one(config, Quantity.ENGINE_TORQUE).multiplier, one(config, Quantity.SHAFT1_SPEED).multiplier
+    assert torque is not None
+    assert speed is not None
+    assert (torque.term.factor, torque.divides) == (0.01, False)
+    assert (speed.term.factor, speed.divides, speed.timeout_us) == (1.0, True, 50_000)
+    assert one(config, Quantity.ENGINE_TORQUE).terms[0].factor == 1.0
+
+
+def test_a_reference_that_comes_more_seldom_than_it_counts_is_told(load: Load) -> None:
+    config = load(more({"inputs.engine_torque": SHARE | {"times": REFERENCE | {"timeout_ms": 1500}}}))
+    told = [w for w in config.warnings if w.key == "inputs.engine_torque.times.timeout_ms"]
+    assert [w.reason for w in told] == [
+        "is less than two periods of 1000 ms: one lost frame makes the input stale"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("torque", "key", "reason"),
+    [
+        (SHARE | {"times": REFERENCE, "reference_nm": 400}, "reference_nm", "leave reference_nm or times out"),
+        (SHARE | {"times": REFERENCE, "divided_by": REFERENCE}, "divided_by", "give either times or divided_by"),
+        (
+            {"signal": "EngineData.EngineTorque", "not_available": [4095], "times": REFERENCE},
+            "unit",
+            "the unit 'Nm' does not fit here: one of both must be a share",
+        ),
+        (
+            {"signal": "EngineData.EngineTorque", "not_available": [4095], "divided_by": REFERENCE},
+            "divided_by.unit",
+            "the unit 'Nm' does not fit here: one of both must be a share",
+        ),
+        (
+            {
+                "signal": "EngineShare.IndicatedTorque",
+                "not_available": [4095],
+                "times": {"signal": "EngineData.EngineSpeed", "not_available": [65535]},
+            },
+            "times.unit",
+            "the unit 'rpm' does not fit here: use N·m",
+        ),
+        (
+            SHARE | {"times": {"signal": "EngineReference.ReferenceTorqu", "unit": "Nm"}},
+            "times.signal",
+            "is not a signal of EngineReference; did you mean ReferenceTorque?",
+        ),
+    ],
+)
+def test_a_product_that_is_wrong(errors, torque: dict[str, Any], key: str, reason: str) -> None:
+    (problem,) = errors(more({"inputs.engine_torque": torque}))
+    assert problem.key == f"inputs.engine_torque.{key}"
+    assert reason in (problem.reason + str(problem))

@@ -381,3 +381,19 @@ def test_directions_are_late_and_stick_as_told(paper_vehicle: Vehicle) -> None:
         said["freezes"]["VehicleDirection"][~rests], said["late"]["VehicleDirection"][~rests]
     )
     assert set(said["stuck"]["WheelDirectionRL"]) == {1.0}
+
+
+def test_shares_of_the_reference_torque_are_the_engine_torque(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle
+) -> None:
+    """Indicated less friction, times what 100 % are: the nominal torque, within half a step of both."""
+    database = load_database([DatabaseFile(DBC), DatabaseFile(DBC.with_name("demo_car_more.dbc"))])
+    timing = {"EngineShare": Timing(1_000), "EngineReference": Timing(1_000_000)}
+    profile = replace(MORE, noise=QUIET, reference_torque_nm=300.0, timing=timing)
+    frames = emit_frames(paper_truth, paper_vehicle, profile, database)
+    t_us, share = decoded(frames, database, "EngineShare")
+    assert set(decoded(frames, database, "EngineReference")[1]["ReferenceTorque"]) == {300.0}
+    torque = (share["IndicatedTorque"] - share["FrictionTorque"]) / 100.0 * 300.0
+    nominal = np.interp(t_us, paper_truth["t_us"], paper_truth["engine_torque_nominal_nm"])
+    assert np.abs(torque - nominal).max() <= 2 * 0.05 / 100.0 * 300.0 + 1e-9
+    assert share["FrictionTorque"].min() > 0.0
