@@ -68,7 +68,7 @@ def replay(
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
-            from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines
+            from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
         if output is not None:
             refuse_existing(output, logs, force)
@@ -95,6 +95,8 @@ def replay(
         )
         for line in status_lines(result.status, result.status_time) if result.estimates else ():
             say(line)
+        if result.transmission is not None:
+            say(transmission_line(result.transmission))
         for line in finding_lines(result.health["findings"]):
             say(line)
         if result.health["nis"]:

@@ -118,7 +118,7 @@ def _tell(is_error: bool, text: str) -> None:
 
 
 def _show(summary: Summary) -> None:
-    from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines
+    from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
     link, log = summary.link, summary.log
     say(
@@ -128,6 +128,8 @@ def _show(summary: Summary) -> None:
     )
     for line in status_lines(summary.status, summary.status_time) if summary.estimates else ():
         say(line)
+    if summary.transmission is not None:
+        say(transmission_line(summary.transmission))
     for line in finding_lines(summary.health["findings"]):
         say(line)
     for line in hint_lines(summary.health["hints"]):

@@ -23,6 +23,7 @@ PLAUSIBLE = {
     Quantity.CLUTCH2_COMMAND: (-1000.0, 4000.0),
     Quantity.ACCELERATION: (-30.0, 30.0),
     Quantity.GRADE: (-0.8, 0.8),
+    Quantity.TRANSMISSION_TORQUE: (-1000.0, 4000.0),
 }
 """Range of an input that gives none, SI; any value where the quantity is not listed."""
 
@@ -69,6 +70,8 @@ class InputsSection(Section):
     """Torque capacity that clutch 1 is commanded to; with clutch_phase.source: command it is given there."""
     clutch2_command: InputSection | None = None
     """Torque capacity that clutch 2 is commanded to."""
+    transmission_torque: InputSection | None = None
+    """What the transmission itself believes of the clutch that drives: compared with, never used."""
 
 
 QUANTITY_AT: dict[KeyPath, Quantity] = {
@@ -85,4 +88,5 @@ QUANTITY_AT: dict[KeyPath, Quantity] = {
     ("brake",): Quantity.BRAKE,
     ("clutch1_command",): Quantity.CLUTCH1_COMMAND,
     ("clutch2_command",): Quantity.CLUTCH2_COMMAND,
+    ("transmission_torque",): Quantity.TRANSMISSION_TORQUE,
 }

@@ -17,6 +17,7 @@ AXLE = "other wheel of the axle"
 PHASE = "validity: clutch counts as closed"
 RECORDED = "nothing (recorded only)"
 HINT = "a weak measurement of the load"
+COMPARISON = "comparison with the transmission's own torque"
 RESIDUAL = "residual of the clutch torque"
 LOST = {
     "engine_speed": NO_ESTIMATE,
@@ -40,6 +41,7 @@ LOST = {
     "clutch1_command": PHASE,
     "clutch2_command": PHASE,
     "direction": "knowledge of the direction, until the drive shows it",
+    "transmission_torque": COMPARISON,
     "acceleration": RECORDED,
     "grade": RECORDED,
     "brake": "mark of braking between clutches",

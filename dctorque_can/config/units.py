@@ -49,6 +49,7 @@ DIMENSIONS = {
     Quantity.SHIFT_IN_PROGRESS: Dimension.AS_IS,
     Quantity.CLUTCH_STATE: Dimension.AS_IS,
     Quantity.DIRECTION: Dimension.AS_IS,
+    Quantity.TRANSMISSION_TORQUE: Dimension.TORQUE,
 }
 
 _RPM = 2 * pi / 60

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.transmission import TransmissionFigures
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
@@ -73,6 +74,7 @@ class ReplayResult:
         valid_estimates: of these, with both clutch torques valid.
         status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
         status_time: the same as shares of the time.
+        transmission: the driving clutch against the transmission's own torque, see `TransmissionFigures`.
         never_received: mapped inputs of which no usable value came.
         seconds: from opening to the closed result.
         bus_seconds: time that the frames span; a step back of the clock takes nothing away.
@@ -88,6 +90,7 @@ class ReplayResult:
     valid_estimates: int
     status: dict[str, float]
     status_time: dict[str, float]
+    transmission: dict[str, float] | None
     never_received: list[str]
     seconds: float
     bus_seconds: float
@@ -182,6 +185,7 @@ def replay_logs(
         valid_estimates=replay.status.having(BOTH_CLUTCHES),
         status=replay.status.as_json(),
         status_time=replay.status.time_as_json(),
+        transmission=replay.transmission.as_json(),
         never_received=replay.never_received,
         seconds=round(time.monotonic() - began_s, 3),
         bus_seconds=replay.time.seconds,
@@ -197,6 +201,7 @@ class _Replay:
     def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
         self.frames = 0
         self.status = StatusShares()
+        self.transmission = TransmissionFigures()
         self.time = TrafficTime()
         self._config = config
         self._content = content
@@ -247,6 +252,7 @@ class _Replay:
 
     def _give(self, frames: Frames, estimates: Estimates) -> None:
         self.status.count(estimates.rows["t_us"], estimates.rows["status"])
+        self.transmission.count(estimates.rows)
         if self._content.truth:
             self._rows.append(estimates.rows)
         if self._log is not None:

@@ -42,6 +42,7 @@ class Status(IntFlag):
     UNDRIVEN_WHEELS_FAULT = 1 << 21
     ENGINE_TORQUE_FAULT = 1 << 22
     VEHICLE_FILE_IMPLAUSIBLE = 1 << 23  # what the car does contradicts the vehicle file: see findings in HEALTH
+    TRANSMISSION_TORQUE_KNOWN = 1 << 24  # the transmission tells a torque, and just one clutch can carry one
 
 
 ESTIMATE = np.dtype(
@@ -76,6 +77,7 @@ ESTIMATE = np.dtype(
         ("clutch2_temperature_c", "f8"),
         ("recirculated_torque_nm", "f8"),  # what one clutch drives and the other takes back
         ("tie_up_probability", "f8"),
+        ("transmission_torque_nm", "f8"),  # what the transmission believes of the clutch that drives
         ("clutch1_engagements", "u4"),  # since the start
         ("clutch2_engagements", "u4"),
         ("gear1", "i1"),

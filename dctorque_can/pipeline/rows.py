@@ -52,7 +52,7 @@ def clear(row: Any) -> None:
     row.engine_torque_nm = row.road_load_nm = row.engine_speed_rad_s = row.wheel_acceleration_rad_s2 = 0.0
     row.clutch1_slip_rad_s = row.clutch2_slip_rad_s = 0.0
     row.clutch1_residual_nm = row.clutch2_residual_nm = 0.0
-    row.recirculated_torque_nm = row.tie_up_probability = 0.0
+    row.recirculated_torque_nm = row.tie_up_probability = row.transmission_torque_nm = 0.0
 
 
 @compiled_without_allocation

@@ -37,6 +37,7 @@ class Quantity(IntEnum):
     SHIFT_IN_PROGRESS = 21  # flag: 1 while it shifts
     CLUTCH_STATE = 22  # of both clutches together: 0 open, 1 slipping, 2 closed
     DIRECTION = 23  # of the car: 1 forwards, -1 backwards, 0 at rest or not known; of several wheels their mean
+    TRANSMISSION_TORQUE = 24  # what the transmission believes of the clutch that drives, N·m
 
 
 N_QUANTITIES = len(Quantity)

@@ -40,6 +40,15 @@ def hint_lines(hints: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"hint: {hint['says']}" for hint in hints]
 
 
+def transmission_line(figures: Mapping[str, float]) -> str:
+    """Return `TransmissionFigures.as_json` as a sentence."""
+    return (
+        f"driving clutch against the transmission's own torque: RMS {figures['rms_nm']:.1f} N·m, "
+        f"bias {figures['bias_nm']:+.1f} N·m, of {figures['told_rms_nm']:.0f} N·m, "
+        f"in {100 * figures['share']:.0f} % of the estimates"
+    )
+
+
 def _standing(finding: Mapping[str, Any]) -> str:
     if not finding["stands"]:
         return " [no longer so at the end]"

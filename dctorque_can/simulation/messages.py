@@ -183,6 +183,12 @@ def _engine_reference(s: Sampled) -> dict[str, Floats]:
     return {"ReferenceTorque": np.full(len(s.at_us), s.profile.reference_torque_nm)}
 
 
+def _driving_clutch(s: Sampled) -> dict[str, Floats]:
+    first = s.value("clutch1_capacity_nm") >= s.value("clutch2_capacity_nm")
+    torque = np.where(first, s.value("clutch1_torque_nm"), s.value("clutch2_torque_nm"))
+    return {"ClutchTorque": s.profile.clutch_torque_gain * torque}
+
+
 COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "EngineData": _engine,
     "InputShafts": _shafts,
@@ -194,4 +200,5 @@ COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "WheelDirections": _directions,
     "EngineShare": _engine_share,
     "EngineReference": _engine_reference,
+    "DrivingClutch": _driving_clutch,
 }

@@ -61,6 +61,7 @@ def test_json_for_scripts() -> None:
         "acceleration",
         "grade",
         "direction",
+        "transmission_torque",
     ]
 
 
