@@ -122,6 +122,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
 def _speed_resolutions(entries: Iterable[InputEntry]) -> tuple[float, ...]:
     """Return the resolution of each speed of `SPEEDS` on the bus, rad/s; 0 of one that is not there."""
     known = {entry.input.quantity: entry.resolution for entry in entries}
+    one = known.get(Quantity.DRIVING_SHAFT_SPEED, 0.0)
+    known = {Quantity.SHAFT1_SPEED: one, Quantity.SHAFT2_SPEED: one} | known
     return tuple(known.get(quantity, 0.0) for quantity in SPEEDS)
 
 

@@ -22,7 +22,8 @@ def check_missing_shafts(document: Document, estimator: EstimatorSection, inferr
     inputs = document.value(("inputs",))
     if not isinstance(inputs, dict):
         return
-    for shaft in (1, 2):
+    one = not absent(inputs.get("driving_shaft_speed")) and estimator.method == "kalman" and not inferred
+    for shaft in () if one else (1, 2):
         path: KeyPath = ("inputs", f"shaft{shaft}_speed")
         if not absent(document.value(path)):
             continue

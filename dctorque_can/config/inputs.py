@@ -24,6 +24,7 @@ PLAUSIBLE = {
     Quantity.ACCELERATION: (-30.0, 30.0),
     Quantity.GRADE: (-0.8, 0.8),
     Quantity.TRANSMISSION_TORQUE: (-1000.0, 4000.0),
+    Quantity.DRIVING_SHAFT_SPEED: (-1500.0, 1500.0),
 }
 """Range of an input that gives none, SI; any value where the quantity is not listed."""
 
@@ -56,6 +57,8 @@ class InputsSection(Section):
     """Speed of input shaft 1, behind clutch 1; only the method kalman can do without it."""
     shaft2_speed: SpeedSection | None = None
     """Speed of input shaft 2, behind clutch 2; only the method kalman can do without it."""
+    driving_shaft_speed: SpeedSection | None = None
+    """Instead of both: the one input shaft speed that is told, that of the clutch that drives; only kalman."""
     wheel_speeds: WheelSpeedsSection
     """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
     direction: DirectionSection | None = None
@@ -73,6 +76,11 @@ class InputsSection(Section):
     transmission_torque: InputSection | None = None
     """What the transmission itself believes of the clutch that drives: compared with, never used."""
 
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        for name in ("shaft1_speed", "shaft2_speed"):
+            if self.driving_shaft_speed is not None and getattr(self, name) is not None:
+                yield (name,), "give either the speed of each shaft or driving_shaft_speed, not both"
+
 
 QUANTITY_AT: dict[KeyPath, Quantity] = {
     ("engine_speed",): Quantity.ENGINE_SPEED,
@@ -89,4 +97,5 @@ QUANTITY_AT: dict[KeyPath, Quantity] = {
     ("clutch1_command",): Quantity.CLUTCH1_COMMAND,
     ("clutch2_command",): Quantity.CLUTCH2_COMMAND,
     ("transmission_torque",): Quantity.TRANSMISSION_TORQUE,
+    ("driving_shaft_speed",): Quantity.DRIVING_SHAFT_SPEED,
 }

@@ -42,6 +42,7 @@ LOST = {
     "clutch2_command": PHASE,
     "direction": "knowledge of the direction, until the drive shows it",
     "transmission_torque": COMPARISON,
+    "driving_shaft_speed": "knowledge of the driving shaft, beside engine and wheels",
     "acceleration": RECORDED,
     "grade": RECORDED,
     "brake": "mark of braking between clutches",
@@ -81,7 +82,7 @@ def input_rows(config: Config) -> list[dict[str, Any]]:
     given = {entry.input.quantity: entry for entry in config.entries}
     rows = [_row(entry, config) for _, entry in sorted(given.items())]
     of_source = {q for q in Quantity if Quantity.CLUTCH1_POSITION <= q <= Quantity.CLUTCH2_COMMAND}
-    of_source.add(Quantity.CLUTCH_STATE)
+    of_source |= {Quantity.CLUTCH_STATE, Quantity.DRIVING_SHAFT_SPEED}
     one_gear = {Quantity.GEAR, Quantity.TARGET_GEAR, Quantity.SHIFT_IN_PROGRESS}
     of_source |= one_gear if config.settings.one_gear is None else {Quantity.GEAR1, Quantity.GEAR2}
     for quantity in Quantity:
@@ -141,7 +142,7 @@ def _multiplier(entry: InputEntry) -> dict[str, Any] | None:
 def _sign(entry: InputEntry) -> str:
     """Return whether a speed of wheels or shafts has a sign, in words; "" for any other input."""
     quantity = entry.input.quantity
-    if quantity not in SPEEDS or quantity is Quantity.ENGINE_SPEED:
+    if quantity not in (*SPEEDS, Quantity.DRIVING_SHAFT_SPEED) or quantity is Quantity.ENGINE_SPEED:
         return ""
     return {
         Signs.SIGNED: "signed",

@@ -50,6 +50,7 @@ DIMENSIONS = {
     Quantity.CLUTCH_STATE: Dimension.AS_IS,
     Quantity.DIRECTION: Dimension.AS_IS,
     Quantity.TRANSMISSION_TORQUE: Dimension.TORQUE,
+    Quantity.DRIVING_SHAFT_SPEED: Dimension.ROTATION,
 }
 
 _RPM = 2 * pi / 60

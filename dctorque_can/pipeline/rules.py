@@ -9,6 +9,7 @@ from dctorque_can.driveline.parameters import GEARS, STANDARD_GRAVITY
 from dctorque_can.driveline.phase_decision import NEVER, closing_band
 from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.pipeline.direction import DIRECTION, first_direction
+from dctorque_can.pipeline.driving_shaft import DRIVING_SHAFT, first_driving_shaft
 from dctorque_can.pipeline.one_gear_state import ONE_GEAR, first_one_gear
 from dctorque_can.pipeline.samples import N_QUANTITIES, Signs
 from dctorque_can.pipeline.settings import Settings
@@ -66,6 +67,7 @@ CORE = np.dtype(
         ("health_us", "i8"),
         ("status", "u4"),  # of the last estimate
         ("direction", DIRECTION),
+        ("driving_shaft", DRIVING_SHAFT),
     ],
     align=True,
 )
@@ -145,4 +147,5 @@ def first_core(core: NDArray[np.void]) -> None:
     for name in ("arrived_us", "candidate_us", "slip_small_us", "implausible_us", "estimate_us", "health_us"):
         core[name] = NEVER
     first_direction(core["direction"])
+    first_driving_shaft(core["driving_shaft"])
     first_one_gear(core["one_gear"])

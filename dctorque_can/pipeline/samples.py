@@ -38,6 +38,7 @@ class Quantity(IntEnum):
     CLUTCH_STATE = 22  # of both clutches together: 0 open, 1 slipping, 2 closed
     DIRECTION = 23  # of the car: 1 forwards, -1 backwards, 0 at rest or not known; of several wheels their mean
     TRANSMISSION_TORQUE = 24  # what the transmission believes of the clutch that drives, N·m
+    DRIVING_SHAFT_SPEED = 25  # of the input shaft whose clutch drives, when no other one is told
 
 
 N_QUANTITIES = len(Quantity)

@@ -189,6 +189,17 @@ def _driving_clutch(s: Sampled) -> dict[str, Floats]:
     return {"ClutchTorque": s.profile.clutch_torque_gain * torque}
 
 
+def _driving_shaft(s: Sampled) -> dict[str, Floats]:
+    """Return the speed of the shaft whose clutch has the greater capacity; it goes over late, and at once."""
+    late_us = s.profile.driving_shaft_delay_us
+    capacity = (s.value(f"clutch{i}_capacity_nm", late_us=late_us) for i in (1, 2))
+    first = np.greater_equal(*capacity)
+    sigma = s.profile.noise.shaft_speed_rad_s
+    speed = np.where(first, s.value("shaft1_speed_rad_s"), s.value("shaft2_speed_rad_s"))
+    noisy = np.abs(speed) + sigma * s.random.standard_normal(len(speed))
+    return {"InputShaftSpeed": np.maximum(noisy, 0.0) * _RPM_PER_RAD_S}
+
+
 COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "EngineData": _engine,
     "InputShafts": _shafts,
@@ -201,4 +212,5 @@ COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {
     "EngineShare": _engine_share,
     "EngineReference": _engine_reference,
     "DrivingClutch": _driving_clutch,
+    "DrivingShaft": _driving_shaft,
 }

@@ -110,6 +110,7 @@ class SensorProfile:
         inertial: errors of the message Inertial, if it is sent.
         reference_torque_nm: what 100 % of the torques of the message EngineShare are.
         clutch_torque_gain: torque of the driving clutch as the transmission control believes it, over the true.
+        driving_shaft_delay_us: by which the message DrivingShaft goes over to the other shaft too late.
         direction: errors of the message WheelDirections, if it is sent.
         unsigned: speeds that are measured and sent without their sign, as by most production sensors: they count
             teeth. Noise and resolution are then those of the magnitude.
@@ -129,6 +130,7 @@ class SensorProfile:
     inertial: InertialErrors = InertialErrors()
     reference_torque_nm: float = 400.0
     clutch_torque_gain: float = 1.06
+    driving_shaft_delay_us: int = 50_000
     direction: DirectionErrors = DirectionErrors()
     unsigned: frozenset[Speeds] = frozenset()
     gear_changes: GearChange = "end"
@@ -182,6 +184,7 @@ MORE = replace(
         "EngineShare": Timing(10_000, 0, 1_500, 400),
         "EngineReference": Timing(1_000_000, 3_100, 2_000, 400),
         "DrivingClutch": Timing(10_000, 5_900, 1_000, 400),
+        "DrivingShaft": Timing(10_000, 2_700, 1_000, 400),
     },
 )
 """The same with the messages of dbc/demo_car_more.dbc: every other message is the same bit for bit."""

@@ -12,7 +12,7 @@ from dctorque_can.config.load import Config, ConfigError, load_config
 from dctorque_can.driveline.parameters import DrivenAxle, Thermal
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSource
 from dctorque_can.estimators.oh2014.design import RoadLoad, SubObserver
-from dctorque_can.pipeline.samples import Input, Protection, Quantity
+from dctorque_can.pipeline.samples import Input, Protection, Quantity, Signs
 from dctorque_can.pipeline.settings import GearInference, OneGear
 from dctorque_can.resources import shipped_dbc
 
@@ -503,3 +503,18 @@ def test_a_product_that_is_wrong(errors, torque: dict[str, Any], key: str, reaso
     (problem,) = errors(more({"inputs.engine_torque": torque}))
     assert problem.key == f"inputs.engine_torque.{key}"
     assert reason in (problem.reason + str(problem))
+
+
+def test_one_speed_for_both_shafts(load: Load, errors, removed: object) -> None:
+    """Its resolution, a quarter of a revolution per minute, is that of both."""
+    speed = {"signal": "DrivingShaft.InputShaftSpeed", "not_available": [65535]}
+    without = {f"inputs.shaft{i}_speed": removed for i in (1, 2)} | {"protection.InputShafts": removed}
+    config = load(more({"inputs.driving_shaft_speed": speed}, without))
+    assert config.warnings == ()
+    assert one(config, Quantity.DRIVING_SHAFT_SPEED).signs is Signs.UNSIGNED
+    assert config.settings.kalman.speed_resolutions_rad_s[1:3] == pytest.approx([math.pi / 120] * 2)
+    both = errors(more({"inputs.driving_shaft_speed": speed}))
+    assert {problem.key for problem in both} == {"inputs.shaft1_speed", "inputs.shaft2_speed"}
+    assert all("give either" in problem.reason for problem in both)
+    oh2014 = errors(more({"inputs.driving_shaft_speed": speed}, without, {"estimator.method": "oh2014"}))
+    assert all("needs the speeds of both input shafts" in problem.reason for problem in oh2014)
