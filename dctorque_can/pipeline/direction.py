@@ -57,6 +57,7 @@ DIRECTION = np.dtype(
         ("said_us", "i8"),  # since when
         ("spoke", "i8"),  # … when it was last there
         ("changed_us", "i8"),  # … and since when
+        ("counted", "i8"),  # … that counted since the car last stood
         ("stands_us", "i8"),  # since when the car stands; NEVER while it moves
         ("rested_us", "i8"),  # when it last had stood for long
         ("refuted", "u1"),  # the drive alone decided otherwise since the signal said so

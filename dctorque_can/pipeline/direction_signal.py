@@ -9,9 +9,10 @@ once it cannot be of a motion before this one:
   changed since the last such rest. One that is stuck never changes.
 
 A signal that lasts is wrong one time in ninety. One that is alive may decide alone. But first the drive alone must
-have agreed with it, so that its values are not exchanged; and where it says what the gear says too, it must be a
-signal that measures: the vehicle file says so, or it has told a car that rolled against its gear. A signal that
-the drive alone refutes counts for nothing until it says something else, and must be proven anew.
+have agreed with it, so that its values are not exchanged; and it must be a signal that measures: the vehicle file
+says so, or it has told a car that rolled against its gear. A lever says backwards while the car still rolls
+forwards. A signal that the drive alone refutes, or that turns round while the car does not stand, counts for
+nothing until it says something else. After the former it must be proven anew.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _MOST = 0.5  # of the wheels must agree
 @compiled_without_allocation
 def forget_signal(d: Any) -> None:
     """Know nothing of what the signal said, and of how long the car stood; what it is worth stays."""
-    d.said = d.spoke = 0
+    d.said = d.spoke = d.counted = 0
     d.said_us = d.changed_us = d.stands_us = d.rested_us = NEVER
     d.refuted = False
 
@@ -62,16 +63,19 @@ def signal_odds(d: Any, inputs: Any, rules: Any, odds: float, decided: float, by
     alive = d.rested_us != NEVER and d.changed_us > d.rested_us and (from_rest or lasts)
     if not alive and not lasts:
         return 0.0
+    if d.said == -d.counted:  # no car turns round without standing
+        d.refuted = True
+        return 0.0
+    d.counted = d.said
     agreed = d.said * odds
     if agreed < -decided:
         d.refuted, d.proven, d.measures = True, False, False
         return 0.0
-    against_gear = d.said != by_gear
     if alive and agreed > decided:
         d.proven = True
-        d.measures |= against_gear
+        d.measures |= d.said != by_gear
     decides = alive and bool(d.proven) and age_us >= _SURE_US
-    decides &= against_gear or bool(d.measures) or bool(rules.direction_measured)
+    decides &= bool(d.measures) or bool(rules.direction_measured)
     return float(math.copysign(_ALIVE if decides else _WEIGHT, d.said))
 
 
@@ -81,6 +85,7 @@ def note_rest(d: Any, t_us: int) -> None:
     if d.t_us != NEVER:
         d.stands_us = NEVER
         return
+    d.counted = 0
     if d.stands_us == NEVER:
         d.stands_us = t_us
     if t_us - d.stands_us >= _LATEST_US:

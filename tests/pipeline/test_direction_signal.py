@@ -102,7 +102,9 @@ def test_once_it_is_proven_it_decides_soon(car):
     without = undecided_without(car, launch_and_roll_back)
     assert without > 3000
     for how in (ONE, FOUR):
-        rows, directions = estimated(told(car, f"{how}, {VALUES}"), sent(car, launch_and_roll_back, RIGHT))
+        rows, directions = estimated(
+            told(car, f"{how}, {VALUES}, measured: true"), sent(car, launch_and_roll_back, RIGHT)
+        )
         undecided, wrong = undecided_and_wrong(directions, truth)
         assert wrong == 0
         assert max(wrong_ms(rows, truth).values()) == 0.0
@@ -232,6 +234,24 @@ def test_a_lever_is_not_a_measurement():
     assert one_in(car.goes_on(0.2, moves=True, says=1)) == pytest.approx(8100, rel=0.01)
 
 
+def test_a_lever_that_says_backwards_while_the_car_rolls_forwards():
+    """Out of neutral it is one in ninety, against the gear too; after forward it is no car's direction at all."""
+    car = ByHand()
+    car.drive = 9.0
+    car.goes_on(1.0, moves=False, says=0)
+    car.goes_on(0.1, moves=True, says=0)
+    car.goes_on(0.5, moves=True, says=1)  # proven
+    car.drive = 0.0
+    car.goes_on(1.0, moves=False, says=0)
+    car.goes_on(0.3, moves=True, says=0)
+    assert one_in(car.goes_on(0.5, moves=True, says=-1)) == pytest.approx(91, abs=1)
+    car.goes_on(1.0, moves=False, says=0)
+    car.goes_on(0.3, moves=True, says=0)
+    car.goes_on(0.5, moves=True, says=1)
+    assert car.goes_on(2.0, moves=True, says=-1) == 0.0
+    assert car.goes_on(0.6, moves=True, says=1) > 4.0
+
+
 def test_what_the_drive_refutes_counts_no_more_until_it_changes():
     car = ByHand(measured=True)
     assert car.goes_on(1.0, moves=True, says=1) > 4.0
@@ -239,6 +259,7 @@ def test_what_the_drive_refutes_counts_no_more_until_it_changes():
     assert car.goes_on(0.1, moves=True, says=1) == 0.0
     car.drive = 0.0
     assert car.goes_on(3.0, moves=True, says=1) == 0.0
+    car.goes_on(0.1, moves=False, says=1)
     assert car.goes_on(0.6, moves=True, says=-1) < -4.0
 
 
