@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.analysis.consistency import nis
+from dctorque_can.analysis.noise_hints import noise_hints
 from dctorque_can.pipeline.samples import Input, Quantity
 from dctorque_can.plausibility.findings import sentences
 
@@ -28,6 +29,7 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
     counts["engine_torque"] = learned if sensors else {}
     counts["findings"] = findings(health)
+    counts["hints"] = noise_hints(health)
     return counts
 
 

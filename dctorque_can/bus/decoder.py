@@ -43,6 +43,8 @@ class Decoder:
     * An input of several messages is renewed by each of them with the latest values of the others while those are
       younger than the input's timeout; otherwise there is no sample. The range holds for the sum: OUT_OF_RANGE
       leaves the terms as received, so that the next frame can repair the sum.
+    * An input with a multiplier is renewed by the signals of its sum alone. A multiplier that is not available, or
+      older than its own timeout, gives NOT_AVAILABLE, and so does a division by zero.
     * A frame with one value out of range is not trusted at all: every quantity of it is OUT_OF_RANGE.
 
     The result does not depend on how the frames are cut into batches. Making a decoder compiles the loop, or loads

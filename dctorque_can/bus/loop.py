@@ -200,6 +200,34 @@ def _renew_term(
 
 
 @compiled_without_allocation
+def _renew_multiplier(
+    t_us: int,
+    data: NDArray[np.uint8],
+    i: int,
+    term: Any,
+    state: Any,
+    fields: Table,
+    raws: Table,
+    scratch: Any,
+) -> int:
+    """Read the signal that a sum is multiplied with; once it is not available, the latest value counts no more."""
+    status = _renew_term(t_us, data, i, term, state, fields, raws, scratch)
+    if status != OK:
+        state.known = False
+    return status
+
+
+@compiled_without_allocation
+def _multiplied(value: float, t_us: int, given: Any, state: Any) -> float:
+    """Return a sum times its multiplier, or divided by it; infinite without one."""
+    if not state.known or abs(t_us - state.t_us) >= given.multiplier_timeout_us:
+        return np.inf
+    if given.divides:
+        return value / state.value if state.value != 0.0 else np.inf
+    return value * state.value  # type: ignore[no-any-return]
+
+
+@compiled_without_allocation
 def _reject_whole_frame(first: int, n: int, value: NDArray[np.float64], status: NDArray[np.uint8]) -> None:
     """Trust nothing in a frame that has one value out of range."""
     rejected = False
@@ -279,12 +307,21 @@ def decode_frames(
                             t_us[i], data, i, terms[k], term_states[k], fields, raws, scratch[0]
                         )
                         status = max(status, term_status)
+                k = given.multiplier
+                if k >= 0 and terms[k].message == m and _is_selected(data, i, terms[k], conditions, fields, raws):
+                    term_status = _renew_multiplier(
+                        t_us[i], data, i, terms[k], term_states[k], fields, raws, scratch[0]
+                    )
+                    status = max(status, term_status)
+                    renewed |= term_status != OK  # else it waits for the next sum
             if renewed and status == OK:
                 for k in range(given.first_term, given.first_term + given.n_terms):
                     state = term_states[k]
                     value += state.value
                     if not state.known or abs(t_us[i] - state.t_us) >= given.timeout_us:
                         renewed = False
+                if given.multiplier >= 0:
+                    value = _multiplied(value, t_us[i], given, term_states[given.multiplier])
                 if not np.isfinite(value):
                     status, value = NOT_AVAILABLE, 0.0
                 elif not given.minimum <= value <= given.maximum:

@@ -105,10 +105,18 @@ def _of_input(database: Database, given: Input) -> Iterator[Problem]:
         yield Problem(where, "", "", f"{reason}; the first must be the smaller one")
     if given.timeout_us <= 0:
         yield Problem(where, "", "", f"has a timeout of {given.timeout_us} µs; it must be positive")
-    for (name, signal), count in Counter((term.message, term.signal) for term in given.terms).items():
+    for (name, signal), count in Counter((term.message, term.signal) for term in given.signals).items():
         if count > 1:
-            yield Problem(where, name, signal, f"is summed {count} times; once is right")
-    for term in given.terms:
+            yield Problem(
+                where,
+                name,
+                signal,
+                f"is {'summed' if given.multiplier is None else 'used'} {count} times; once is right",
+            )
+    if given.multiplier is not None and given.multiplier.timeout_us <= 0:
+        reason = f"has a multiplier with a timeout of {given.multiplier.timeout_us} µs; it must be positive"
+        yield Problem(where, "", "", reason)
+    for term in given.signals:
         yield from _of_term(database, where, term)
 
 

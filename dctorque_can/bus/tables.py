@@ -56,6 +56,9 @@ INPUT = np.dtype(
         ("minimum", "f8"),
         ("maximum", "f8"),
         ("timeout_us", "i8"),
+        ("multiplier", "i8"),  # its term, which comes after those of the sum; -1: none
+        ("multiplier_timeout_us", "i8"),
+        ("divides", "b1"),
     ],
     align=True,
 )
@@ -66,7 +69,7 @@ MESSAGE = np.dtype(
         *CHECKSUM,
         ("first_pair", "i8"),
         ("n_pairs", "i8"),
-        ("timeout_us", "i8"),  # the shortest of its inputs
+        ("timeout_us", "i8"),  # the shortest of what it brings
         ("counter_field", "i8"),  # -1: no counter
         ("counter_modulus", "i8"),
         ("max_counter_delta", "i8"),
@@ -132,19 +135,22 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
     """Return the tables of inputs and protections that have no `input_problems`."""
     rows = _Rows()
     by_name = {message.name: message for message in database.messages}
-    names = list(dict.fromkeys(term.message for each in inputs for term in each.terms))
+    names = list(dict.fromkeys(term.message for each in inputs for term in each.signals))
     index = {name: k for k, name in enumerate(names)}
     for each in inputs:
         first = len(rows.terms)
-        for term in each.terms:
+        for term in each.signals:
             _add_term(rows, by_name[term.message], term, index[term.message])
         bounds = (each.minimum, each.maximum, each.timeout_us)
-        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds))
+        factor = (-1, 0, False)
+        if each.multiplier is not None:
+            factor = first + len(each.terms), each.multiplier.timeout_us, each.multiplier.divides
+        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor))
     protection_of = {protection.message: protection for protection in protections}
     in_order = sorted(range(len(inputs)), key=lambda k: inputs[k].quantity)
     for name in names:
-        renewed = [k for k in in_order if any(term.message == name for term in inputs[k].terms)]
-        timeout_us = min(inputs[k].timeout_us for k in renewed)
+        renewed = [k for k in in_order if any(term.message == name for term in inputs[k].signals)]
+        timeout_us = min(_timeout_us(inputs[k], name) for k in renewed)
         _add_message(rows, by_name[name], protection_of.get(name, Protection(name)), renewed, timeout_us)
     standard = np.full(N_STANDARD_IDS, -1, np.int64)
     extended = []
@@ -165,6 +171,13 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
         np.array(rows.fields, FIELD),
         np.array(rows.raws, RAW),
     )
+
+
+def _timeout_us(given: Input, message: str) -> int:
+    """Return for how long what a message brings to an input counts."""
+    if given.multiplier is None or any(term.message == message for term in given.terms):
+        return given.timeout_us
+    return given.multiplier.timeout_us
 
 
 def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> None:

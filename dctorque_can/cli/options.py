@@ -68,12 +68,12 @@ UnsignedChoice = Annotated[
     ),
 ]
 ProfileChoice = Annotated[
-    Literal["laboratory", "production", "inertial", "one_gear"],
+    Literal["laboratory", "production", "inertial", "one_gear", "more"],
     typer.Option(
         "--profile",
         help="laboratory: every signal at 1 kHz with noise. production: 10/20 ms, quantised, delayed, jittering. "
         "inertial: production with acceleration and grade. one_gear: production with "
-        "one gear for the whole gearbox.",
+        "one gear for the whole gearbox. more: production with the messages of demo_car_more.dbc.",
     ),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of the noise, and of a mixed drive.")]

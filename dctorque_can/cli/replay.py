@@ -69,7 +69,7 @@ def replay(
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
-            from dctorque_can.report.status_lines import finding_lines, status_lines
+            from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
         if output is not None:
             refuse_existing(output, logs, force)
@@ -94,14 +94,18 @@ def replay(
             f"{result.estimates} {'smoothed ' if smooth else ''}estimates, "
             f"{result.valid_estimates} with valid clutch torques" + (f", in {output}" if output else "")
         )
-        for line in status_lines(result.status) if result.estimates else ():
+        for line in status_lines(result.status, result.status_time) if result.estimates else ():
             say(line)
+        if result.transmission is not None:
+            say(transmission_line(result.transmission))
         for line in finding_lines(result.health["findings"]):
             say(line)
         if result.health["nis"]:
             sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())
             say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
             say(learned(result.health["engine_torque"]))
+        for line in hint_lines(result.health["hints"]):
+            say(line)
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")
         if result.errors is not None:

@@ -118,7 +118,7 @@ def _tell(is_error: bool, text: str) -> None:
 
 
 def _show(summary: Summary) -> None:
-    from dctorque_can.report.status_lines import finding_lines, status_lines
+    from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
     link, log = summary.link, summary.log
     say(
@@ -126,9 +126,13 @@ def _show(summary: Summary) -> None:
         f"{summary.published} frames out"
         + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
     )
-    for line in status_lines(summary.status) if summary.estimates else ():
+    for line in status_lines(summary.status, summary.status_time) if summary.estimates else ():
         say(line)
+    if summary.transmission is not None:
+        say(transmission_line(summary.transmission))
     for line in finding_lines(summary.health["findings"]):
+        say(line)
+    for line in hint_lines(summary.health["hints"]):
         say(line)
     if link.lost or link.send_failures or link.error_frames or link.damaged or link.dropped:
         say(
@@ -138,7 +142,7 @@ def _show(summary: Summary) -> None:
         )
     if summary.clock_steps:
         say(f"clock: the time of the frames was set {summary.clock_steps} times")
-    faults = {name: count for name, count in summary.health.items() if count and name != "findings"}
+    faults = {name: count for name, count in summary.health.items() if count and name not in ("findings", "hints")}
     if faults:
         say("health: " + ", ".join(f"{name} {_shown(count)}" for name, count in faults.items()))
     if log is not None:

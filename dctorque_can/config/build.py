@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -26,13 +25,23 @@ from dctorque_can.config.estimation import (
     RatioSection,
     microseconds,
 )
-from dctorque_can.config.inputs import QUANTITY_AT, InputBuilder, InputEntry, InputsSection
+from dctorque_can.config.input_builder import InputBuilder, InputEntry
+from dctorque_can.config.input_doubts import (
+    check_missing_shafts,
+    check_phases,
+    note_costly_delays,
+    note_idle_direction,
+    note_missing_axle,
+    note_untold_signs,
+)
+from dctorque_can.config.inputs import QUANTITY_AT, InputsSection
 from dctorque_can.config.plausibility import gear_doubts, gear_map_doubts, inference_doubts
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import S, absent, nearest, sound_parts, validate
 from dctorque_can.config.signals import (
     ClutchStateSection,
     CommandSection,
+    DirectionSection,
     FlagSection,
     GearSignalSection,
     InputSection,
@@ -41,15 +50,15 @@ from dctorque_can.config.signals import (
     ShiftFlagSection,
 )
 from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear, gear_number
-from dctorque_can.driveline.parameters import DrivenAxle, Gear
+from dctorque_can.driveline.parameters import Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
 from dctorque_can.estimators.methods import Method
-from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity, Signs
+from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
 from dctorque_can.pipeline.settings import GearInference, OneGear, Settings
 
+_DIRECTIONS = {"forward": 1.0, "backward": -1.0, "standstill": 0.0, "unknown": 0.0}
 CLUTCH_STATES = ("open", "slipping", "closed")
 """Of both clutches together, by the value of `Quantity.CLUTCH_STATE`."""
-MOST_TAKEN_AGAIN_PER_S = 20_000  # frames; at 5 µs each (docs/kalman_accuracy.md) a tenth of a processor
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,14 +91,15 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     phases = _clutch_phase(document, builder, isinstance(gear_source, OneGear))
     estimator = validate(document, ("estimator",), EstimatorSection)
     protections = _protections(document, builder)
-    _note_missing_axle(document, builder, vehicle)
-    _note_untold_signs(document, builder)
+    note_missing_axle(document, builder, vehicle)
+    note_untold_signs(document, builder)
+    note_idle_direction(document, builder)
     if database is not None:
         note_missing_cycle_times(document, builder.entries)
     if estimator is not None:
-        _check_missing_shafts(document, estimator, isinstance(gear_source, GearInference))
-        _check_phases(document, estimator, phases)
-        _note_costly_delays(document, builder, estimator)
+        check_missing_shafts(document, estimator, isinstance(gear_source, GearInference))
+        check_phases(document, estimator, phases)
+        note_costly_delays(document, builder, estimator)
     errors = any(problem.severity == "error" for problem in document.problems)
     if errors or vehicle is None or estimator is None or phases is None:
         return None
@@ -108,6 +118,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
         health_period_us=microseconds(estimator.health_period_ms),
         max_gap_us=microseconds(estimator.max_gap_ms),
         max_step_back_us=microseconds(estimator.max_step_back_ms),
+        direction_measured=document.value(("inputs", "direction", "measured")) is True,
     )
     reorder_us = None if estimator.reorder_ms is None else microseconds(estimator.reorder_ms)
     return Parts(settings, protections, tuple(builder.entries), reorder_us)
@@ -116,6 +127,8 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
 def _speed_resolutions(entries: Iterable[InputEntry]) -> tuple[float, ...]:
     """Return the resolution of each speed of `SPEEDS` on the bus, rad/s; 0 of one that is not there."""
     known = {entry.input.quantity: entry.resolution for entry in entries}
+    one = known.get(Quantity.DRIVING_SHAFT_SPEED, 0.0)
+    known = {Quantity.SHAFT1_SPEED: one, Quantity.SHAFT2_SPEED: one} | known
     return tuple(known.get(quantity, 0.0) for quantity in SPEEDS)
 
 
@@ -152,6 +165,9 @@ def _inputs(document: Document, builder: InputBuilder) -> None:
         quantity = QUANTITY_AT.get(at[1:])
         if quantity is not None and isinstance(part, InputSection) and part.has_signals:
             builder.add(at, quantity, part)
+        elif isinstance(part, DirectionSection) and (part.signal is None) != (part.signals is None):
+            ways = {raw: _DIRECTIONS[way] for raw, way in part.values.items()}
+            builder.add_mapped(at, Quantity.DIRECTION, part, ways)
 
 
 def _gear_source(
@@ -323,81 +339,3 @@ def _protections(document: Document, builder: InputBuilder) -> tuple[Protection,
             assert isinstance(protection, ProtectionSection)
             protections.append(builder.protect(at, str(message), protection))
     return tuple(protections)
-
-
-def _check_missing_shafts(document: Document, estimator: EstimatorSection, inferred: bool) -> None:
-    """Report a shaft without a speed that the method, or the source of gears, cannot do without."""
-    inputs = document.value(("inputs",))
-    if not isinstance(inputs, dict):
-        return
-    for shaft in (1, 2):
-        path: KeyPath = ("inputs", f"shaft{shaft}_speed")
-        if not absent(document.value(path)):
-            continue
-        if estimator.method == "oh2014":
-            reason = "missing: the method oh2014 needs the speeds of both input shafts; kalman can do without"
-            document.problems.append(document.problem(path, reason))
-        elif inferred:
-            reason = (
-                "missing: gears by ratio need the speeds of both input shafts; give gears: {source: signals, …}"
-            )
-            document.problems.append(document.problem(path, reason))
-        else:
-            reason = "missing: slip and torque of its clutch are then known from engine and wheels alone"
-            document.problems.append(document.problem(path, reason, warning=True))
-
-
-def _check_phases(document: Document, estimator: EstimatorSection, phases: PhaseSettings | None) -> None:
-    """Report that nothing tells of each clutch whether it is open, to the method that cannot do without."""
-    if phases is None or estimator.method != "oh2014":
-        return
-    if phases.clutches[0].source in (PhaseSource.NONE, PhaseSource.STATE):
-        reason = "the method oh2014 must be told of each clutch whether it is open: position, flag or command"
-        document.problems.append(document.problem(("clutch_phase", "source"), f"{reason}; kalman can do without"))
-
-
-def _note_costly_delays(document: Document, builder: InputBuilder, estimator: EstimatorSection) -> None:
-    """Warn when the estimates of a second take many frames again; without cycle times in the DBC nobody knows."""
-    longest_s = max((entry.input.delay_us for entry in builder.entries), default=0) / 1e6
-    periods_ms: dict[str, float] = {}
-    for entry in builder.entries:
-        for term, period_ms in zip(entry.input.terms, entry.periods_ms, strict=True):
-            if period_ms:
-                periods_ms[term.message] = period_ms
-    frames_per_s = sum(1000 / period_ms for period_ms in periods_ms.values())
-    estimates_per_s = min(frames_per_s, 1000 / estimator.period_ms)
-    again = longest_s * frames_per_s  # by each estimate
-    if again * estimates_per_s > MOST_TAKEN_AGAIN_PER_S:
-        reason = (
-            f"is costly: each estimate takes the frames of the last {1000 * longest_s:g} ms again (the longest "
-            f"delay_ms), which are {again * estimates_per_s:.0f} a second; give "
-            f"{math.ceil(1000 * again / MOST_TAKEN_AGAIN_PER_S)} or more"
-        )
-        document.problems.append(document.problem(("estimator", "period_ms"), reason, warning=True))
-
-
-def _note_untold_signs(document: Document, builder: InputBuilder) -> None:
-    """Warn of speeds of which neither the file nor the DBC says whether they have a sign."""
-    untold = [entry.key.removeprefix("inputs.") for entry in builder.entries if entry.input.signs is Signs.UNTOLD]
-    if untold:
-        reason = (
-            f"give signed: true or false to {', '.join(untold)}: the DBC allows negative values, but does a car "
-            "that rolls backwards send them? Until one comes, they count as without sign"
-        )
-        document.problems.append(document.problem(("inputs",), reason, warning=True))
-
-
-def _note_missing_axle(document: Document, builder: InputBuilder, vehicle: VehicleSection | None) -> None:
-    """Warn when the wheels of one axle have to stand in for the other."""
-    wheels = {Quantity.WHEEL_SPEED_FL, Quantity.WHEEL_SPEED_FR}, {Quantity.WHEEL_SPEED_RL, Quantity.WHEEL_SPEED_RR}
-    given = {entry.input.quantity for entry in builder.entries}
-    if vehicle is None or vehicle.axle is DrivenAxle.ALL or not given & (wheels[0] | wheels[1]):
-        return
-    driven, undriven = wheels if vehicle.axle is DrivenAxle.FRONT else wheels[::-1]
-    path: KeyPath = ("inputs", "wheel_speeds")
-    if not given & undriven:
-        reason = "no undriven wheel: the driven ones stand in, and their slip disturbs the output torque"
-        document.problems.append(document.problem(path, reason, warning=True))
-    if not given & driven:
-        reason = "no driven wheel: the undriven ones stand in where gears are inferred and checked"
-        document.problems.append(document.problem(path, reason, warning=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dctorque_can.config.document import Document
-from dctorque_can.config.inputs import InputEntry
+from dctorque_can.config.input_builder import InputEntry
 
 ATTRIBUTE = "GenMsgCycleTime"
 

@@ -1,29 +1,13 @@
-"""The `inputs:` section, and how it becomes the inputs of the decoder: units, raw values, ranges."""
+"""The `inputs:` section: which quantities a vehicle file can give, and what is plausible of them."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 
-from cantools.database.can import Database, Message, Signal
-
-from dctorque_can.bus.problems import input_problems
-from dctorque_can.config.document import Document
-from dctorque_can.config.problems import KeyPath, dotted
-from dctorque_can.config.section import Section, nearest
-from dctorque_can.config.signals import (
-    ClutchStateSection,
-    FlagSection,
-    GearSignalSection,
-    InputSection,
-    ProtectionSection,
-    ShiftFlagSection,
-    SpeedSection,
-    TermSection,
-)
-from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit
-from dctorque_can.pipeline.samples import Input, Protection, Quantity, Signs, Term
+from dctorque_can.config.problems import KeyPath
+from dctorque_can.config.section import Section
+from dctorque_can.config.signals import DirectionSection, InputSection, SpeedSection
+from dctorque_can.pipeline.samples import Quantity
 
 ANY = (-1e12, 1e12)
 PLAUSIBLE = {
@@ -39,10 +23,10 @@ PLAUSIBLE = {
     Quantity.CLUTCH2_COMMAND: (-1000.0, 4000.0),
     Quantity.ACCELERATION: (-30.0, 30.0),
     Quantity.GRADE: (-0.8, 0.8),
+    Quantity.TRANSMISSION_TORQUE: (-1000.0, 4000.0),
+    Quantity.DRIVING_SHAFT_SPEED: (-1500.0, 1500.0),
 }
 """Range of an input that gives none, SI; any value where the quantity is not listed."""
-
-SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no value", "fault", "error")
 
 
 class WheelSpeedsSection(Section):
@@ -73,8 +57,12 @@ class InputsSection(Section):
     """Speed of input shaft 1, behind clutch 1; only the method kalman can do without it."""
     shaft2_speed: SpeedSection | None = None
     """Speed of input shaft 2, behind clutch 2; only the method kalman can do without it."""
+    driving_shaft_speed: SpeedSection | None = None
+    """Instead of both: the one input shaft speed that is told, that of the clutch that drives; only kalman."""
     wheel_speeds: WheelSpeedsSection
     """Wheel speeds fl, fr, rl, rr; a road speed (km/h) is divided by the wheel radius."""
+    direction: DirectionSection | None = None
+    """Which way the car goes, for speeds without sign; one signal, or one of each wheel."""
     acceleration: InputSection | None = None
     """Longitudinal acceleration as an accelerometer has it, dv/dt + g sin(grade)."""
     grade: InputSection | None = None
@@ -85,6 +73,13 @@ class InputsSection(Section):
     """Torque capacity that clutch 1 is commanded to; with clutch_phase.source: command it is given there."""
     clutch2_command: InputSection | None = None
     """Torque capacity that clutch 2 is commanded to."""
+    transmission_torque: InputSection | None = None
+    """What the transmission itself believes of the clutch that drives: compared with, never used."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        for name in ("shaft1_speed", "shaft2_speed"):
+            if self.driving_shaft_speed is not None and getattr(self, name) is not None:
+                yield (name,), "give either the speed of each shaft or driving_shaft_speed, not both"
 
 
 QUANTITY_AT: dict[KeyPath, Quantity] = {
@@ -101,254 +96,6 @@ QUANTITY_AT: dict[KeyPath, Quantity] = {
     ("brake",): Quantity.BRAKE,
     ("clutch1_command",): Quantity.CLUTCH1_COMMAND,
     ("clutch2_command",): Quantity.CLUTCH2_COMMAND,
+    ("transmission_torque",): Quantity.TRANSMISSION_TORQUE,
+    ("driving_shaft_speed",): Quantity.DRIVING_SHAFT_SPEED,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class InputEntry:
-    """One input of the decoder with what the vehicle file says about it.
-
-    Attributes:
-        key: dotted key path.
-        input: what the decoder is told.
-        units: unit of each term, as given or as in the DBC; "" where the value is kept or mapped.
-        periods_ms: cycle time of each term's message, None where the DBC has none.
-        resolution: SI, rounding has the variance resolution²/12; 0 of floats, and where a value is mapped.
-    """
-
-    key: str
-    input: Input
-    units: tuple[str, ...]
-    periods_ms: tuple[float | None, ...]
-    resolution: float = 0.0
-
-
-class InputBuilder:
-    """Turns the sections of signals into inputs; whatever does not fit the DBC goes to the document's problems."""
-
-    def __init__(self, document: Document, database: Database | None, wheel_radius_m: float):
-        self._document = document
-        self._messages: dict[str, Message] = {m.name: m for m in database.messages} if database else {}
-        self._database = database
-        self._wheel_radius_m = wheel_radius_m
-        self.entries: list[InputEntry] = []
-
-    def add(self, path: KeyPath, quantity: Quantity, section: InputSection) -> None:
-        """Add a linear combination of signals."""
-        dimension = DIMENSIONS[quantity]
-        terms: list[Term] = []
-        units: list[str] = []
-        factors: list[float] = []
-        for below, term in section.terms():
-            at = (*path, *below)
-            unit, factor = self._unit(at, term, dimension)
-            message, signal = term.signal.split(".")
-            terms.append(
-                Term(
-                    message,
-                    signal,
-                    factor=term.factor * factor,
-                    offset=term.offset * factor,
-                    not_available=frozenset(self._not_available(at, term)),
-                )
-            )
-            units.append(unit)
-            factors.append(factor)
-        lowest, highest = self._range(path, section, quantity, factors)
-        timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        signs = self._signs(path, section, terms)
-        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs)
-        self._append(path, given, units, self._resolution(terms))
-
-    def add_mapped(
-        self,
-        path: KeyPath,
-        quantity: Quantity,
-        section: GearSignalSection | FlagSection | ShiftFlagSection | ClutchStateSection,
-        values: Mapping[int | str, float],
-    ) -> None:
-        """Add one signal whose raw values mean something else (a gear, a flag, a state)."""
-        name = section.signal
-        message, signal = name.split(".")
-        known = {
-            raw: value for key, value in values.items() for raw in self._raw((*path, "values", key), name, key)
-        }
-        term = Term(message, signal, values=known)
-        lowest, highest = min(values.values()), max(values.values())
-        timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        self._append(path, Input(quantity, (term,), float(lowest), float(highest), timeout, delay), [""])
-
-    def protect(self, path: KeyPath, message: str, section: ProtectionSection) -> Protection:
-        """Return the protection of one message."""
-        protection = Protection(
-            message,
-            counter_signal=section.counter_signal,
-            counter_modulus=section.modulus,
-            max_counter_delta=section.max_counter_delta,
-            crc=section.crc,
-            crc_signal=section.crc_signal,
-            data_id=section.data_id or 0,
-            data_ids=tuple(section.data_ids or ()),
-        )
-        if self._database is not None:
-            keys = {section.crc_signal: "crc_signal", section.counter_signal: "counter_signal"}
-            reported = {below for below, _ in section.contradictions()}
-            for problem in input_problems(self._database, (), (protection,)):
-                if message not in self._messages:
-                    self._complain(path, problem.reason, problem.suggestions)
-                elif problem.signal and (keys[problem.signal],) not in reported:
-                    self._complain((*path, keys[problem.signal]), problem.reason, problem.suggestions)
-            used = {term.message for entry in self.entries for term in entry.input.terms}
-            if message in self._messages and message not in used:
-                self._warn(path, "has no effect: no input comes from this message")
-        return protection
-
-    def _append(self, path: KeyPath, given: Input, units: Iterable[str], resolution: float = 0.0) -> None:
-        if self._database is not None:
-            for problem in input_problems(self._database, (given,), ()):
-                self._complain(
-                    self._place(path, problem.message, problem.signal), problem.reason, problem.suggestions
-                )
-        messages = [self._messages.get(term.message) for term in given.terms]
-        periods = tuple(m.cycle_time if m is not None and m.cycle_time else None for m in messages)
-        longest = max((period for period in periods if period), default=0)
-        if given.timeout_us < 2000 * longest:
-            reason = f"is less than two periods of {longest:g} ms: one lost frame makes the input stale"
-            self._warn((*path, "timeout_ms"), reason)
-        self.entries.append(InputEntry(dotted(path), given, tuple(units), periods, resolution))
-
-    def _place(self, path: KeyPath, message: str, signal: str) -> KeyPath:
-        """Return the key path of the signal that a problem of the bus is about."""
-        value = self._document.value(path)
-        if isinstance(value, dict):
-            if "signal" in value:
-                return (*path, "signal")
-            for n, term in enumerate(value.get("sum") or ()):
-                name = term.get("signal") if isinstance(term, dict) else term
-                if name == f"{message}.{signal}" or (not signal and str(name).startswith(f"{message}.")):
-                    return (*path, "sum", n, "signal") if isinstance(term, dict) else (*path, "sum", n)
-        return path
-
-    def _signal(self, name: str) -> Signal | None:
-        message, signal = name.split(".")
-        known = self._messages.get(message)
-        return next((s for s in known.signals if s.name == signal), None) if known else None
-
-    def _resolution(self, terms: Iterable[Term]) -> float:
-        """Return the step of a signal that has the rounding errors of all terms together, SI."""
-        steps = []
-        for term in terms:
-            signal = self._signal(f"{term.message}.{term.signal}")
-            if signal is not None and not signal.conversion.is_float:
-                steps.append(term.factor * signal.scale)
-        return math.hypot(*steps)
-
-    def _signs(self, path: KeyPath, section: InputSection, terms: Iterable[Term]) -> Signs:
-        """Return whether a speed has a sign: as the key says, else as far as the DBC does."""
-        if not isinstance(section, SpeedSection):
-            return Signs.SIGNED
-        possible = any(self._can_be_negative(term) for term in terms)
-        if section.signed and not possible:
-            reason = "the DBC has no negative values for it: a car that rolls backwards is told as going forwards"
-            self._warn((*path, "signed"), reason)
-        if section.signed is None:
-            return Signs.UNTOLD if possible else Signs.UNSIGNED
-        return Signs.SIGNED if section.signed else Signs.UNSIGNED
-
-    def _can_be_negative(self, term: Term) -> bool:
-        """Return whether a term of a speed can be negative: yes where the DBC is not known."""
-        signal = self._signal(f"{term.message}.{term.signal}")
-        if signal is None or signal.conversion.is_float:
-            return signal is None or signal.minimum is None or signal.minimum < 0
-        ends = (
-            (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1)
-            if signal.is_signed
-            else (0, 2**signal.length - 1)
-        )
-        return any(term.factor * (signal.scale * raw + signal.offset) + term.offset < 0.0 for raw in ends)
-
-    def _unit(self, path: KeyPath, term: TermSection, dimension: Dimension) -> tuple[str, float]:
-        """Return the unit of a signal and its factor to SI; 1 where there is none to be found."""
-        signal = self._signal(term.signal)
-        of_dbc = (signal.unit or "").strip() if signal else ""
-        unit = term.unit or of_dbc
-        if term.unit and of_dbc and not same_unit(term.unit, of_dbc):
-            self._warn((*path, "unit"), f"the DBC has the unit {of_dbc!r}; the one given here is used")
-        if dimension is Dimension.AS_IS:
-            return unit, 1.0
-        if not unit:
-            if signal is not None:
-                reason = f"the DBC has no unit for {term.signal}: give unit: (to become {dimension.value})"
-                self._complain((*path, "unit"), reason)
-            return "", 1.0
-        try:
-            factor = factor_to_si(
-                unit, dimension, wheel_radius_m=self._wheel_radius_m, reference_nm=term.reference_nm
-            )
-        except UnitError as error:
-            source = "" if term.unit else f" (the unit of {term.signal} in the DBC; unit: here overrules it)"
-            self._complain((*path, "unit"), f"{error}{source}")
-            return unit, 1.0
-        return unit, factor
-
-    def _not_available(self, path: KeyPath, term: TermSection) -> Iterator[int]:
-        for n, key in enumerate(term.not_available or ()):
-            yield from self._raw((*path, "not_available", n), term.signal, key)
-        signal = self._signal(term.signal)
-        if signal is not None and signal.choices and term.not_available is None:
-            for raw, name in signal.choices.items():
-                if str(name).casefold().replace("_", " ") in SAYS_NOT_AVAILABLE:
-                    reason = (
-                        f"the DBC says that raw {raw} of {term.signal} is {str(name)!r}: not_available: [{raw}]?"
-                    )
-                    self._warn(path, reason)
-
-    def _raw(self, path: KeyPath, name: str, key: int | str) -> list[int]:
-        """Return the raw value of a key that may be a name of the DBC's value table."""
-        if isinstance(key, int):
-            return [key]
-        signal = self._signal(name)
-        if signal is None:
-            return []
-        choices = {str(choice): raw for raw, choice in (signal.choices or {}).items()}
-        if key in choices:
-            return [int(choices[key])]
-        has = nearest(key, choices) if choices else f"; the DBC has no value table for {name}"
-        self._complain(path, f"{key!r} is not in the value table of {name}{has}")
-        return []
-
-    def _range(
-        self, path: KeyPath, section: InputSection, quantity: Quantity, factors: list[float]
-    ) -> tuple[float, float]:
-        if section.range is None or section.range[0] >= section.range[1]:
-            return PLAUSIBLE.get(quantity, ANY)
-        factor = factors[0]
-        if any(other != factor for other in factors):
-            if section.unit is None:
-                self._complain(
-                    (*path, "range"), "the signals have different units: give the unit of the range as unit:"
-                )
-                return ANY
-            try:
-                factor = factor_to_si(
-                    section.unit,
-                    DIMENSIONS[quantity],
-                    wheel_radius_m=self._wheel_radius_m,
-                    reference_nm=section.reference_nm,
-                )
-            except UnitError as error:
-                self._complain((*path, "unit"), str(error))
-        return section.range[0] * factor, section.range[1] * factor
-
-    def _complain(self, path: KeyPath, reason: str, suggestions: Iterable[str] = ()) -> None:
-        hint = " or ".join(suggestions)
-        self._document.problems.append(
-            self._document.problem(path, reason + (f"; did you mean {hint}?" if hint else ""))
-        )
-
-    def _warn(self, path: KeyPath, reason: str) -> None:
-        self._document.problems.append(self._document.problem(path, reason, warning=True))
-
-
-def _us(milliseconds: float) -> int:
-    return round(milliseconds * 1000)

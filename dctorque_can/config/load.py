@@ -13,7 +13,7 @@ from dctorque_can.config.build import Parts, build_parts
 from dctorque_can.config.databases import DatabaseFiles, Reader
 from dctorque_can.config.document import Document, parse
 from dctorque_can.config.edges import CanSection, LoggingSection, OutputSettings
-from dctorque_can.config.inputs import InputEntry
+from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import ConfigError, Problem
 from dctorque_can.config.section import absent, nearest, problem_order, validate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from dctorque_can.config.inputs import InputEntry
+from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.load import Config
 from dctorque_can.config.problems import Problem
 from dctorque_can.estimators.methods import Method
@@ -17,6 +17,7 @@ AXLE = "other wheel of the axle"
 PHASE = "validity: clutch counts as closed"
 RECORDED = "nothing (recorded only)"
 HINT = "a weak measurement of the load"
+COMPARISON = "comparison with the transmission's own torque"
 RESIDUAL = "residual of the clutch torque"
 LOST = {
     "engine_speed": NO_ESTIMATE,
@@ -39,6 +40,9 @@ LOST = {
     "clutch2_open": PHASE,
     "clutch1_command": PHASE,
     "clutch2_command": PHASE,
+    "direction": "knowledge of the direction, until the drive shows it",
+    "transmission_torque": COMPARISON,
+    "driving_shaft_speed": "knowledge of the driving shaft, beside engine and wheels",
     "acceleration": RECORDED,
     "grade": RECORDED,
     "brake": "mark of braking between clutches",
@@ -78,7 +82,7 @@ def input_rows(config: Config) -> list[dict[str, Any]]:
     given = {entry.input.quantity: entry for entry in config.entries}
     rows = [_row(entry, config) for _, entry in sorted(given.items())]
     of_source = {q for q in Quantity if Quantity.CLUTCH1_POSITION <= q <= Quantity.CLUTCH2_COMMAND}
-    of_source.add(Quantity.CLUTCH_STATE)
+    of_source |= {Quantity.CLUTCH_STATE, Quantity.DRIVING_SHAFT_SPEED}
     one_gear = {Quantity.GEAR, Quantity.TARGET_GEAR, Quantity.SHIFT_IN_PROGRESS}
     of_source |= one_gear if config.settings.one_gear is None else {Quantity.GEAR1, Quantity.GEAR2}
     for quantity in Quantity:
@@ -91,7 +95,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
     protections = {protection.message: protection for protection in config.protections}
     periods = [period for period in entry.periods_ms if period]
     kinds = []
-    for message in dict.fromkeys(term.message for term in entry.input.terms):
+    for message in dict.fromkeys(term.message for term in entry.input.signals):
         protection = protections.get(message)
         kind = "none" if protection is None else protection.crc
         counted = protection is not None and protection.counter_signal
@@ -107,6 +111,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "offsets": [term.offset for term in entry.input.terms],
         "mapped": [{str(raw): value for raw, value in term.values.items()} for term in entry.input.terms],
         "not_available": [sorted(term.not_available) for term in entry.input.terms],
+        "multiplier": _multiplier(entry),
         "minimum": entry.input.minimum,
         "maximum": entry.input.maximum,
         "period_ms": max(periods) if periods else None,
@@ -118,10 +123,26 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
     }
 
 
+def _multiplier(entry: InputEntry) -> dict[str, Any] | None:
+    """Return what an input is multiplied with, or divided by."""
+    given = entry.input.multiplier
+    if given is None:
+        return None
+    return {
+        "signal": f"{given.term.message}.{given.term.signal}",
+        "divides": given.divides,
+        "unit": entry.multiplier_unit,
+        "factor": given.term.factor,
+        "offset": given.term.offset,
+        "not_available": sorted(given.term.not_available),
+        "timeout_ms": given.timeout_us / 1000,
+    }
+
+
 def _sign(entry: InputEntry) -> str:
     """Return whether a speed of wheels or shafts has a sign, in words; "" for any other input."""
     quantity = entry.input.quantity
-    if quantity not in SPEEDS or quantity is Quantity.ENGINE_SPEED:
+    if quantity not in (*SPEEDS, Quantity.DRIVING_SHAFT_SPEED) or quantity is Quantity.ENGINE_SPEED:
         return ""
     return {
         Signs.SIGNED: "signed",

@@ -64,13 +64,44 @@ class TermSection(Section):
         return {"signal": value} if isinstance(value, str) else value
 
 
+class MultiplierSection(Section):
+    """One DBC signal that an input is multiplied with, or divided by."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC."""
+    factor: float = 1.0
+    """Multiplies the signal."""
+    offset: float = 0.0
+    """Added after ``factor``, in the unit of the signal."""
+    unit: str | None = None
+    """Unit of the signal, % or 1 for a share; default: the unit of the DBC."""
+    not_available: list[RawKey] | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"."""
+    timeout_ms: TimeoutMs = 5000.0
+    """Age up to which its latest value counts, ms."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        return {"signal": value} if isinstance(value, str) else value
+
+    def term(self) -> TermSection:
+        """Return what it has in common with a signal of a sum."""
+        common = {name: getattr(self, name) for name in ("signal", "factor", "offset", "unit", "not_available")}
+        return TermSection(**common)
+
+
 class InputSection(Section):
-    """One input: a signal, or a sum of signals."""
+    """One input: a signal, or a sum of signals; times another one, or divided by it."""
 
     signal: SignalName | None = None
     """Message.Signal, by the names of the DBC; the section may be just this text."""
     sum: Annotated[list[TermSection], Field(min_length=1)] | None = None
     """Instead of ``signal``: the signals to be added, each with its own factor."""
+    times: MultiplierSection | None = None
+    """Signal that the value is multiplied with: one of both has the unit, the other one is a share."""
+    divided_by: MultiplierSection | None = None
+    """Signal that the value is divided by: a share."""
     factor: float = 1.0
     """Multiplies the signal; -1 turns its sign."""
     offset: float = 0.0
@@ -104,6 +135,15 @@ class InputSection(Section):
                     yield (name,), f"belongs to the signals of the sum: put {name} into each of them"
         if self.range is not None and self.range[0] >= self.range[1]:
             yield ("range",), "must be [lowest, highest]"
+        if self.times is not None and self.divided_by is not None:
+            yield ("divided_by",), "give either times or divided_by, not both"
+
+    @property
+    def multiplier(self) -> tuple[str, MultiplierSection] | None:
+        """The signal of ``times`` or ``divided_by``, with that key."""
+        if self.times is not None:
+            return "times", self.times
+        return None if self.divided_by is None else ("divided_by", self.divided_by)
 
     @property
     def has_signals(self) -> bool:
@@ -175,6 +215,37 @@ class ClutchStateSection(Section):
     """Age at which the state is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+
+
+class DirectionSection(Section):
+    """Which way the car goes, as its brakes or its gearbox tell it."""
+
+    signal: SignalName | None = None
+    """Message.Signal, by the names of the DBC."""
+    signals: Annotated[list[SignalName], Field(min_length=1)] | None = None
+    """Instead of ``signal``: one of each wheel; more than half of them must agree."""
+    values: Annotated[dict[RawKey, Literal["forward", "backward", "standstill", "unknown"]], Field(min_length=1)]
+    """Raw value, or name of the value table, to forward, backward, standstill or unknown; others: no value."""
+    measured: bool = False
+    """Whether wheels measure it; else it may come from the lever, until it tells a car that rolls against it."""
+    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
+    """Age at which the direction is stale, ms."""
+    delay_ms: DelayMs = 0.0
+    """Known time from the sample to its frame (filter, computing, gateway), ms."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.signal is None and self.signals is None:
+            yield ("signal",), "missing: give signal: Message.Signal, or signals: [ … ] with one of each wheel"
+        if self.signal is not None and self.signals is not None:
+            yield ("signals",), "give either signal or signals, not both"
+        for way in ("forward", "backward"):
+            if way not in self.values.values():
+                yield ("values",), f"no raw value means {way}: a signal that cannot say so tells no direction"
+
+    @property
+    def names(self) -> list[str]:
+        """The signals, one or several."""
+        return [*([] if self.signal is None else [self.signal]), *(self.signals or ())]
 
 
 class FlagSection(Section):

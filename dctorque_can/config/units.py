@@ -48,6 +48,9 @@ DIMENSIONS = {
     Quantity.TARGET_GEAR: Dimension.AS_IS,
     Quantity.SHIFT_IN_PROGRESS: Dimension.AS_IS,
     Quantity.CLUTCH_STATE: Dimension.AS_IS,
+    Quantity.DIRECTION: Dimension.AS_IS,
+    Quantity.TRANSMISSION_TORQUE: Dimension.TORQUE,
+    Quantity.DRIVING_SHAFT_SPEED: Dimension.ROTATION,
 }
 
 _RPM = 2 * pi / 60
@@ -135,6 +138,14 @@ def factor_to_si(
     if plain not in known:
         raise UnitError(f"the unit {unit!r} does not fit here: use {right}")
     return known[plain]
+
+
+def share_of(unit: str) -> float | None:
+    """Return the factor of a unit that makes a mere number: of per cent, or of none; None for any other unit."""
+    plain = _plain(unit)
+    if plain in _PERCENT:
+        return 0.01
+    return 1.0 if plain in ("", "1", "-") else None
 
 
 def same_unit(first: str, second: str) -> bool:

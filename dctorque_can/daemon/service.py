@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.transmission import TransmissionFigures
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config
@@ -29,6 +30,7 @@ from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE
 from dctorque_can.pipeline.frames import FrameFlag, Frames
+from dctorque_can.pipeline.samples import Quantity
 
 RECEIVE_TIMEOUT_S = 0.1
 SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
@@ -47,6 +49,8 @@ class Summary:
         estimates: given.
         valid_estimates: of these, with both clutch torques valid.
         status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
+        status_time: the same as shares of the time.
+        transmission: the driving clutch against the transmission's own torque, see `TransmissionFigures`.
         never_received: mapped inputs of which no usable value came.
         published: frames sent.
         refused_ids: identifiers that someone else uses.
@@ -62,6 +66,8 @@ class Summary:
     estimates: int
     valid_estimates: int
     status: dict[str, float]
+    status_time: dict[str, float]
+    transmission: dict[str, float] | None
     never_received: list[str]
     published: int
     refused_ids: list[int]
@@ -125,6 +131,8 @@ class Service:
         self._rotate = False
         self._t_us: int | None = None
         self._status = StatusShares()
+        told = {given.quantity for given in config.inputs}
+        self._transmission = TransmissionFigures() if Quantity.TRANSMISSION_TORQUE in told else None
 
     def stop(self) -> None:
         """Ask the service to end; may be called from a signal handler or another thread."""
@@ -211,7 +219,9 @@ class Service:
             self._publisher.hear(frames)
         estimates = self._chain.feed(frames)
         if len(estimates):
-            self._status.count(estimates.rows["status"])
+            self._status.count(estimates.rows["t_us"], estimates.rows["status"])
+            if self._transmission is not None:
+                self._transmission.count(estimates.rows)
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
             sent = self._publisher.publish(estimates.rows)
@@ -274,6 +284,8 @@ class Service:
             estimates=self._status.estimates,
             valid_estimates=self._status.having(BOTH_CLUTCHES),
             status=self._status.as_json(),
+            status_time=self._status.time_as_json(),
+            transmission=self._transmission.as_json() if self._transmission is not None else None,
             never_received=never_received(self._config.inputs, self._chain.health),
             published=self._link.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],

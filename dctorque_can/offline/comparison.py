@@ -14,6 +14,7 @@ from dctorque_can.analysis.comparison import Comparison, judge, shift_windows
 from dctorque_can.analysis.consistency import Nis, nis
 from dctorque_can.analysis.health import doubts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.transmission import TransmissionFigures
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.driveline.parameters import Vehicle
@@ -57,12 +58,14 @@ class VariantResult:
         variant: the estimator.
         comparison: with the truth.
         sensors: what the innovations say, by name of the sensor; nothing where there are none.
+        transmission: its driving clutch against the transmission's own torque, where that is told.
         doubts: why the figures may say little, one line each.
     """
 
     variant: Variant
     comparison: Comparison
     sensors: dict[str, Nis]
+    transmission: dict[str, float] | None
     doubts: list[str]
 
 
@@ -195,6 +198,7 @@ def _result(
     done = 0
     pairs: list[tuple[NDArray[np.void], NDArray[np.void]]] = []
     healths = []
+    transmission = TransmissionFigures()
     remarks: dict[str, None] = {}
     for drive in drives:
         chain = chain_of(drive)
@@ -213,12 +217,14 @@ def _result(
         healths.append(chain.health)
         missing = never_received(variant.config.inputs, chain.health)
         status = StatusShares()
-        status.count(estimates["status"])
+        status.count(estimates["t_us"], estimates["status"])
         remarks |= dict.fromkeys(doubts(missing, len(estimates), status.having(BOTH_CLUTCHES)))
+        transmission.count(estimates)
         pairs.append((estimates, drive.truth))
     try:
         comparison = judge(pairs)
     except DctorqueError as error:
         raise DctorqueError(f"variant {variant.name}: {error}") from error
     texts = [f"variant {variant.name}: {text}" for text in remarks]
-    return VariantResult(variant, comparison, nis(np.concatenate(healths)), texts)
+    sensors = nis(np.concatenate(healths))
+    return VariantResult(variant, comparison, sensors, transmission.as_json(), texts)

@@ -33,6 +33,7 @@ def _variant(result: VariantResult, bound: VariantResult) -> dict[str, Any]:
     return {
         "all": _figures(found.everything, least.everything),
         "shifts": _figures(found.shifts, least.shifts) if found.shifts and least.shifts else None,
+        "transmission": result.transmission,
         "sensors": {name: _nis(nis) for name, nis in result.sensors.items()},
     }
 

@@ -15,6 +15,7 @@ from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.analysis.traffic import MappedMessage, Traffic, on_their_channels
+from dctorque_can.analysis.transmission import TransmissionFigures
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
@@ -94,6 +95,8 @@ class ReplayResult:
         smoothed: whether these are smoothed.
         valid_estimates: of these, with both clutch torques valid.
         status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
+        status_time: the same as shares of the time.
+        transmission: the driving clutch against the transmission's own torque, see `TransmissionFigures`.
         never_received: mapped inputs of which no usable value came.
         seconds: from opening to the closed result.
         bus_seconds: time that the frames span; a step back of the clock takes nothing away.
@@ -110,6 +113,8 @@ class ReplayResult:
     smoothed: bool
     valid_estimates: int
     status: dict[str, float]
+    status_time: dict[str, float]
+    transmission: dict[str, float] | None
     never_received: list[str]
     seconds: float
     bus_seconds: float
@@ -223,6 +228,8 @@ def replay_logs(
         smoothed=content.smooth,
         valid_estimates=replay.status.having(BOTH_CLUTCHES),
         status=replay.status.as_json(),
+        status_time=replay.status.time_as_json(),
+        transmission=replay.transmission.as_json(),
         never_received=replay.never_received,
         seconds=round(time.monotonic() - began_s, 3),
         bus_seconds=replay.time.seconds,
@@ -264,6 +271,7 @@ class _Replay:
         self._channels = {can_id: config.channels[can_id] for can_id in mapped if can_id in config.channels}
         self.traffic = Traffic(mapped, self._channels)
         self.status = StatusShares()
+        self.transmission = TransmissionFigures()
         self.time = TrafficTime()
         self._config = config
         self._content = content
@@ -313,7 +321,8 @@ class _Replay:
             rows = rows[n:]
 
     def _give(self, frames: Frames, estimates: Estimates) -> None:
-        self.status.count(estimates.rows["status"])
+        self.status.count(estimates.rows["t_us"], estimates.rows["status"])
+        self.transmission.count(estimates.rows)
         if self._content.truth:
             self._rows.append(estimates.rows)
         if self._log is not None:

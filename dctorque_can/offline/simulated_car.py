@@ -22,6 +22,7 @@ from dctorque_can.simulation.manoeuvres import MANOEUVRES
 from dctorque_can.simulation.sensors import (
     INERTIAL,
     LABORATORY,
+    MORE,
     ONE_GEAR,
     PRODUCTION,
     SensorProfile,
@@ -71,6 +72,7 @@ class ProfileName(StrEnum):
     PRODUCTION = "production"
     INERTIAL = "inertial"
     ONE_GEAR = "one_gear"
+    MORE = "more"
 
 
 class Unsigned(StrEnum):
@@ -94,6 +96,7 @@ _PROFILES = {
     ProfileName.PRODUCTION: PRODUCTION,
     ProfileName.INERTIAL: INERTIAL,
     ProfileName.ONE_GEAR: ONE_GEAR,
+    ProfileName.MORE: MORE,
 }
 
 

@@ -18,7 +18,7 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import contract
-from dctorque_can.pipeline import delays, derived, direction
+from dctorque_can.pipeline import delays, derived, direction, driving_shaft
 from dctorque_can.pipeline.decisions import decide_gears, decide_phases, follow_speeds, judge_speeds, mark_stale
 from dctorque_can.pipeline.parts import Parts, Records
 from dctorque_can.pipeline.rows import publish, report
@@ -64,6 +64,7 @@ def forget(p: Records, t_us: int) -> None:
     core, inputs = p.core, p.inputs
     inputs.t_us = inputs.origin_us = t_us
     contract.stop(p.chosen, p.answer)
+    core.driving_shaft.shaft = -1
     core.estimate_us = core.health_us = core.implausible_us = NEVER
     for quantity in range(N_QUANTITIES):
         inputs.seen_us[quantity] = NEVER
@@ -161,6 +162,7 @@ def take(p: Records, rules: Any, queue: Any, place: int, t_us: int) -> None:
     decide_phases(core, inputs, rules, w_e)
     decide_gears(core, inputs, rules, answer, w_e)
     judge_speeds(core, inputs, rules)
+    driving_shaft.give_speed(core.driving_shaft, inputs, rules)
     contract.act(p.chosen, inputs, answer)
     watch(p.monitor, rules.car, inputs)
     for quantity in range(N_QUANTITIES):

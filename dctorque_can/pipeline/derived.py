@@ -18,14 +18,17 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.inputs import COMMAND_1, phase_of, usable
 from dctorque_can.pipeline.bivariate_normal import upper_quadrant
 from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.samples import Quantity
 from dctorque_can.pipeline.thresholds import MOST_POWER_W, TIE_UP_NM
 
+TRANSMISSION_TORQUE = int(Quantity.TRANSMISSION_TORQUE)
 _OPEN, _SLIPPING = int(ClutchPhase.OPEN), int(ClutchPhase.SLIPPING)
 _CLUTCH_VALID = int(Status.CLUTCH1_VALID)  # bits of clutch 1; those of clutch 2 are the next higher ones
 _ENERGY_KNOWN = int(Status.ENERGY1_KNOWN)
 _RESIDUAL_KNOWN = int(Status.RESIDUAL1_KNOWN)
 _TEMPERATURE_KNOWN = int(Status.TEMPERATURE1_KNOWN)
 _TIE_UP_KNOWN = int(Status.TIE_UP_KNOWN)
+_TRANSMISSION_TORQUE_KNOWN = int(Status.TRANSMISSION_TORQUE_KNOWN)
 
 DERIVED = np.dtype(
     [
@@ -126,6 +129,7 @@ def report(inputs: Any, rules: Any, answer: Any, d: Any, row: Any) -> int:
         row.clutch1_residual_nm = row.clutch1_torque_nm - commanded(inputs, d, 0)
     if status & (_RESIDUAL_KNOWN << 1):
         row.clutch2_residual_nm = row.clutch2_torque_nm - commanded(inputs, d, 1)
+    status |= report_transmission(inputs, answer, row)
     sigma_1, sigma_2 = row.clutch1_sigma_nm, row.clutch2_sigma_nm
     if answer.running and sigma_1 > 0.0 and sigma_2 > 0.0:  # not of one that states none: NaN
         status |= _TIE_UP_KNOWN
@@ -139,6 +143,16 @@ def report(inputs: Any, rules: Any, answer: Any, d: Any, row: Any) -> int:
     if status & _TIE_UP_KNOWN:
         row.tie_up_probability = tie_up_probability(T_1, T_2, sigma_1, sigma_2, sign * row.clutch_correlation)
     return status
+
+
+@compiled_without_allocation
+def report_transmission(inputs: Any, answer: Any, row: Any) -> int:
+    """Write what the transmission itself believes; return the `Status` bit that says whose torque that must be."""
+    if not usable(inputs, TRANSMISSION_TORQUE):
+        return 0
+    row.transmission_torque_nm = inputs.value[TRANSMISSION_TORQUE]
+    one = (phase_of(inputs, 0) == _OPEN) != (phase_of(inputs, 1) == _OPEN)
+    return _TRANSMISSION_TORQUE_KNOWN if answer.running and one else 0
 
 
 @compiled_without_allocation

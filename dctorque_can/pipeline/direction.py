@@ -34,6 +34,7 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
+from dctorque_can.pipeline.direction_signal import DIRECTION_SIGNAL, forget_signal, signal_odds
 from dctorque_can.pipeline.samples import Signs
 
 _SIGNED, _UNTOLD = int(Signs.SIGNED), int(Signs.UNTOLD)
@@ -51,6 +52,17 @@ DIRECTION = np.dtype(
         ("P", "f8", (2, 3)),  # variances of speed, of both together, of load
         ("odds", "f8"),  # logarithm of how much likelier forwards is, by how the speed changes
         ("steepness", "f8"),  # … by the steepest grade that it meant
+        # of a direction that the bus tells (`direction_signal`):
+        ("said", "i8"),  # 1 forwards, −1 backwards, 0 nothing
+        ("said_us", "i8"),  # since when
+        ("spoke", "i8"),  # … when it was last there
+        ("changed_us", "i8"),  # … and since when
+        ("counted", "i8"),  # … that counted since the car last stood
+        ("stands_us", "i8"),  # since when the car stands; NEVER while it moves
+        ("rested_us", "i8"),  # when it last had stood for long
+        ("refuted", "u1"),  # the drive alone decided otherwise since the signal said so
+        ("proven", "u1"),  # … or as a signal did that was alive
+        ("measures", "u1"),  # … while the car rolled against its gear
     ],
     align=True,
 )
@@ -83,7 +95,16 @@ _LONGEST_S = 0.2  # between two samples; later ones begin anew
 
 def first_direction(direction: NDArray[np.void]) -> None:
     """Make ``direction``, a `DIRECTION` ``[1]`` of zeros, what it is before the first frame."""
-    for name in ("t_us", "moved_us", "braked_us", "together_us"):
+    for name in (
+        "t_us",
+        "moved_us",
+        "braked_us",
+        "together_us",
+        "said_us",
+        "changed_us",
+        "stands_us",
+        "rested_us",
+    ):
         direction[name] = NEVER
 
 
@@ -92,6 +113,7 @@ def forget(d: Any, inputs: Any) -> None:
     """Know nothing of the direction any more; which speeds have a sign is a matter of the car, and stays."""
     d.t_us = d.moved_us = d.braked_us = d.together_us = NEVER
     d.odds = d.steepness = 0.0
+    forget_signal(d)
     if inputs.magnitudes:
         inputs.direction = 0
 
@@ -109,21 +131,31 @@ def follow(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
     if not inputs.magnitudes:
         return
     learn_signs(inputs)
-    odds = 0.0
+    odds = by_drive = 0.0
     told, direction = told_direction(inputs, rules)
     if not told:
         weigh(d, inputs, rules, answer)
         direction = inputs.direction
-        odds = d.odds + d.steepness if d.t_us != NEVER else 0.0
+        by_drive = d.odds + d.steepness if d.t_us != NEVER else 0.0
+        by_gear = -1 if in_reverse(inputs, rules) else 1
+        odds = by_drive + signal_odds(d, inputs, rules, by_drive, _DECIDED, by_gear)
         if d.t_us == NEVER or d.moved_us == inputs.t_us:
             direction = 0
+        if inputs.mapped[DIRECTION_SIGNAL] and odds * direction < 0.0:
+            direction = 0  # what was decided with a signal's help does not stand without it
         if odds > _DECIDED:
             direction = 1
         elif odds < -_DECIDED:
             direction = -1
     inputs.direction = direction
     give_signs(inputs, rules, direction)
-    inputs.doubt = 0.0 if direction != 0 else 1.0 / (1.0 + math.exp(odds * inputs.heading))
+    inputs.doubt = 0.0 if direction != 0 else doubt_of(odds if abs(odds) < abs(by_drive) else by_drive, inputs)
+
+
+@compiled_without_allocation
+def doubt_of(odds: float, inputs: Any) -> float:
+    """Return the probability that the car goes the other way than the signs of the speeds say."""
+    return 1.0 / (1.0 + math.exp(odds * inputs.heading))
 
 
 @compiled_without_allocation

@@ -42,6 +42,7 @@ class Status(IntFlag):
     UNDRIVEN_WHEELS_FAULT = 1 << 21
     ENGINE_TORQUE_FAULT = 1 << 22
     VEHICLE_FILE_IMPLAUSIBLE = 1 << 23  # what the car does contradicts the vehicle file: see findings in HEALTH
+    TRANSMISSION_TORQUE_KNOWN = 1 << 24  # the transmission tells a torque, and just one clutch can carry one
 
 
 ESTIMATE = np.dtype(
@@ -76,6 +77,7 @@ ESTIMATE = np.dtype(
         ("clutch2_temperature_c", "f8"),
         ("recirculated_torque_nm", "f8"),  # what one clutch drives and the other takes back
         ("tie_up_probability", "f8"),
+        ("transmission_torque_nm", "f8"),  # what the transmission believes of the clutch that drives
         ("clutch1_engagements", "u4"),  # since the start
         ("clutch2_engagements", "u4"),
         ("gear1", "i1"),
@@ -102,6 +104,9 @@ HEALTH = np.dtype(
         ("innovations", "i8", (len(SENSORS),)),  # speeds but zeros that the filter took; 0: the 2014 observer
         ("innovation_squares", "f8", (len(SENSORS),)),  # … and the sum of their normalised innovations squared
         ("innovations_rejected", "i8", (len(SENSORS),)),  # speeds beyond its gate
+        ("speed_noise_told_rad_s", "f8", (len(SENSORS),)),  # noise of one sample as configured, …
+        ("speed_noise_rad_s", "f8", (len(SENSORS),)),  # … as learned from all samples
+        ("speed_noise_samples", "f8", (len(SENSORS),)),  # … and how many these are; 0: the 2014 observer
         ("engine_torque_gain_error", "f8"),  # learned share that the engine's torque is above the nominal one, …
         ("engine_torque_gain_sigma", "f8"),  # its standard deviation, 0 with the 2014 observer
         ("engine_torque_lag_error_s", "f8"),  # … and time that it is behind it, beyond the configured one

@@ -52,7 +52,7 @@ def clear(row: Any) -> None:
     row.engine_torque_nm = row.road_load_nm = row.engine_speed_rad_s = row.wheel_acceleration_rad_s2 = 0.0
     row.clutch1_slip_rad_s = row.clutch2_slip_rad_s = 0.0
     row.clutch1_residual_nm = row.clutch2_residual_nm = 0.0
-    row.recirculated_torque_nm = row.tie_up_probability = 0.0
+    row.recirculated_torque_nm = row.tie_up_probability = row.transmission_torque_nm = 0.0
 
 
 @compiled_without_allocation
@@ -120,6 +120,8 @@ def report(inputs: Any, health: Any, monitor: Any, row: Any) -> None:
     for sensor in range(_SENSORS):
         row.innovations[sensor] = row.innovations_rejected[sensor] = 0
         row.innovation_squares[sensor] = 0.0
+        row.speed_noise_told_rad_s[sensor] = row.speed_noise_rad_s[sensor] = 0.0
+        row.speed_noise_samples[sensor] = 0.0
     row.engine_torque_gain_error = row.engine_torque_gain_sigma = 0.0
     row.engine_torque_lag_error_s = row.engine_torque_lag_sigma_s = 0.0
     for quantity in range(N_QUANTITIES):

@@ -9,6 +9,7 @@ from dctorque_can.driveline.parameters import GEARS, STANDARD_GRAVITY
 from dctorque_can.driveline.phase_decision import NEVER, closing_band
 from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.pipeline.direction import DIRECTION, first_direction
+from dctorque_can.pipeline.driving_shaft import DRIVING_SHAFT, first_driving_shaft
 from dctorque_can.pipeline.one_gear_state import ONE_GEAR, first_one_gear
 from dctorque_can.pipeline.samples import N_QUANTITIES, Signs
 from dctorque_can.pipeline.settings import Settings
@@ -31,6 +32,7 @@ RULES = np.dtype(
         ("release_tolerance", "f8"),
         ("confirm_us", "i8"),
         ("min_wheel_speed", "f8"),
+        ("direction_measured", "u1"),  # the direction that the bus tells is not taken from gear or lever
         ("one_gear", "u1"),  # one gear signal for the whole gearbox (`one_gear`)
         ("phase_source", "i8", (2,)),
         ("closed_above", "f8", (2,)),  # positions and commands, in the direction of closing
@@ -66,6 +68,7 @@ CORE = np.dtype(
         ("health_us", "i8"),
         ("status", "u4"),  # of the last estimate
         ("direction", DIRECTION),
+        ("driving_shaft", DRIVING_SHAFT),
     ],
     align=True,
 )
@@ -95,6 +98,7 @@ def rules(settings: Settings) -> NDArray[np.void]:
     inference, phases = settings.gear_inference, settings.phases
     if settings.one_gear is not None:
         r["one_gear"], inference = True, settings.one_gear.by_ratio
+    r["direction_measured"] = settings.direction_measured
     r["min_wheel_speed"] = PLAUSIBLE_WHEEL_SPEED
     if inference is not None:
         r["engage_tolerance"] = inference.engage_tolerance
@@ -145,4 +149,5 @@ def first_core(core: NDArray[np.void]) -> None:
     for name in ("arrived_us", "candidate_us", "slip_small_us", "implausible_us", "estimate_us", "health_us"):
         core[name] = NEVER
     first_direction(core["direction"])
+    first_driving_shaft(core["driving_shaft"])
     first_one_gear(core["one_gear"])

@@ -36,6 +36,9 @@ class Quantity(IntEnum):
     TARGET_GEAR = 20  # … and the one that is preselected or shifted to
     SHIFT_IN_PROGRESS = 21  # flag: 1 while it shifts
     CLUTCH_STATE = 22  # of both clutches together: 0 open, 1 slipping, 2 closed
+    DIRECTION = 23  # of the car: 1 forwards, -1 backwards, 0 at rest or not known; of several wheels their mean
+    TRANSMISSION_TORQUE = 24  # what the transmission believes of the clutch that drives, N·m
+    DRIVING_SHAFT_SPEED = 25  # of the input shaft whose clutch drives, when no other one is told
 
 
 N_QUANTITIES = len(Quantity)
@@ -126,8 +129,23 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True)
+class Multiplier:
+    """A signal that the sum of an input is multiplied with, or divided by.
+
+    Attributes:
+        term: the signal.
+        timeout_us: age up to which its latest value counts.
+        divides: whether the sum is divided by it.
+    """
+
+    term: Term
+    timeout_us: int
+    divides: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Input:
-    """One quantity as the sum of DBC signals.
+    """One quantity as the sum of DBC signals, or as that times another signal.
 
     An input of several messages is renewed by each of them with the latest value of the others, as long as
     those are younger than ``timeout_us``.
@@ -135,11 +153,12 @@ class Input:
     Attributes:
         quantity: what it measures.
         terms: the signals to be summed, at least one.
-        minimum: SI; a smaller sum is `SampleStatus.OUT_OF_RANGE`.
-        maximum: SI; a larger sum is `SampleStatus.OUT_OF_RANGE`.
+        minimum: SI; a smaller value is `SampleStatus.OUT_OF_RANGE`.
+        maximum: SI; a larger value is `SampleStatus.OUT_OF_RANGE`.
         timeout_us: time since its last frame at which the input is stale.
         delay_us: from when a sample is taken to the time of its frame.
         signs: of a speed of wheels or shafts, whether it has one.
+        multiplier: what the sum is multiplied with, or divided by.
     """
 
     quantity: Quantity
@@ -149,6 +168,12 @@ class Input:
     timeout_us: int
     delay_us: int = 0
     signs: Signs = Signs.SIGNED
+    multiplier: Multiplier | None = None
+
+    @property
+    def signals(self) -> tuple[Term, ...]:
+        """All signals: those of the sum, and the multiplier."""
+        return self.terms if self.multiplier is None else (*self.terms, self.multiplier.term)
 
 
 @dataclass(frozen=True, slots=True)

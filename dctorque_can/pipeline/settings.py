@@ -47,3 +47,4 @@ class Settings:
     max_gap_us: int  # a longer silence resets the observer
     max_step_back_us: int  # a larger step back in time resets the observer
     one_gear: OneGear | None = None  # instead of a gear of each shaft
+    direction_measured: bool = False  # the direction that the bus tells is not taken from gear or lever

@@ -42,6 +42,8 @@ def _tables(report: dict[str, Any]) -> Iterator[tuple[str, Table]]:
     yield title, by_torque(headings, ("%", "%", "%", "nats", "ms"), _rows(report), _band_cells)
     title = "Both clutch torques together: mean NEES (2 is right), 95 % limits of an honest estimator"
     yield title, _nees_table(report)
+    if any(parts["transmission"] for parts in _rows(report).values()):
+        yield "Driving clutch against the transmission's own torque", _transmission_table(report)
     title = "Innovations of each speed: mean NIS (1 is right), 95 % limits of an honest filter"
     yield title, _nis_table(report)
 
@@ -101,6 +103,19 @@ def _nees_table(report: dict[str, Any]) -> Table:
                 _verdict(found["nees"], low, high),
                 f"{found['log_score']:.2f}",
             )
+    return filled
+
+
+def _transmission_table(report: dict[str, Any]) -> Table:
+    filled = table()
+    filled.add_column("variant", no_wrap=True)
+    for heading in ("RMS\nN·m", "bias\nN·m", "told\nN·m", "estimates\n%"):
+        filled.add_column(heading, justify="right", no_wrap=True)
+    for variant, parts in _rows(report).items():
+        found = parts["transmission"]
+        if found:
+            figures = (found["rms_nm"], found["bias_nm"], found["told_rms_nm"], 100 * found["share"])
+            filled.add_row(Text(variant), *(f"{figure:.1f}" for figure in figures))
     return filled
 
 

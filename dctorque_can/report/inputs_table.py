@@ -59,16 +59,28 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
     """Return the text of each column of a row."""
     if not row["present"]:
         return {"quantity": row["quantity"], "signal": "not given", "while missing": row["lost"]}
+    conversions = map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])
+    signal, conversion, timeout = _multiplied(row["multiplier"])
     return {
         "quantity": row["quantity"],
-        "signal": "\n".join(row["signals"]),
-        "to SI": "\n".join(map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])),
+        "signal": "\n".join([*row["signals"], *signal]),
+        "to SI": "\n".join([*conversions, *conversion]),
         "range (SI)": "\n".join(filter(None, (_range(row["minimum"], row["maximum"]), row["sign"]))),
         "period": f"{row['period_ms']:g} ms" if row["period_ms"] else "?",
-        "timeout": f"{row['timeout_ms']:g} ms" + (f"\nlate {row['delay_ms']:g} ms" if row["delay_ms"] else ""),
+        "timeout": f"{row['timeout_ms']:g} ms{timeout}"
+        + (f"\nlate {row['delay_ms']:g} ms" if row["delay_ms"] else ""),
         "protection": "\n".join(row["protection"]),
         "while missing": row["lost"],
     }
+
+
+def _multiplied(multiplier: dict[str, Any] | None) -> tuple[list[str], list[str], str]:
+    """Return the lines of a multiplier in the columns of signal, conversion and timeout."""
+    if multiplier is None:
+        return [], [], ""
+    sign = "÷" if multiplier["divides"] else "×"
+    conversion = _conversion(multiplier["unit"], multiplier["factor"], multiplier["offset"], {})
+    return [f"{sign} {multiplier['signal']}"], [conversion], f"\n{sign} {multiplier['timeout_ms']:g} ms"
 
 
 def _conversion(unit: str, factor: float, offset: float, mapped: dict[str, float]) -> str:

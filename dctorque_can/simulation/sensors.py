@@ -9,9 +9,8 @@ of its sensors, the resolution of the DBC, and arrives later by the message's de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import pi
 from typing import Literal
 
 import numpy as np
@@ -19,21 +18,15 @@ from cantools.database.can import Database
 from numpy.typing import NDArray
 
 from dctorque_can.bus.encoder import MessageEncoder
-from dctorque_can.driveline.parameters import STANDARD_GRAVITY, Vehicle
+from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
 from dctorque_can.pipeline.samples import Protection
-from dctorque_can.simulation.one_gear import GearChange, one_gear
+from dctorque_can.simulation.messages import COLUMNS, Sampled
+from dctorque_can.simulation.one_gear import GearChange
 from dctorque_can.simulation.truth import TRUTH_PERIOD_US
 
-Floats = NDArray[np.float64]
 Speeds = Literal["wheels", "shafts"]
-
-_RPM_PER_RAD_S = 30.0 / pi
-_KMH_PER_M_S = 3.6
-_GEAR_REVERSE = 13  # raw values of demo_car.dbc
-_GEAR_CHANGING = 14
-_ACCELERATION_US = 20_000  # over which the acceleration is a mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +79,21 @@ class InertialErrors:
 
 
 @dataclass(frozen=True, slots=True)
+class DirectionErrors:
+    """Errors of the message WheelDirections.
+
+    Attributes:
+        delay_us: from the motion to what is said of it.
+        freezes: at rest it says what it said before, instead of standstill.
+        stuck: the one thing that it says, whatever the car does; "" for what is true.
+    """
+
+    delay_us: int = 40_000
+    freezes: bool = False
+    stuck: Literal["", "forward", "backward", "unknown"] = ""
+
+
+@dataclass(frozen=True, slots=True)
 class SensorProfile:
     """How a car measures and sends.
 
@@ -100,6 +108,10 @@ class SensorProfile:
         driven_axle: whose wheels the transmission turns.
         seed: of noise and jitter.
         inertial: errors of the message Inertial, if it is sent.
+        reference_torque_nm: what 100 % of the torques of the message EngineShare are.
+        clutch_torque_gain: torque of the driving clutch as the transmission control believes it, over the true.
+        driving_shaft_delay_us: by which the message DrivingShaft goes over to the other shaft too late.
+        direction: errors of the message WheelDirections, if it is sent.
         unsigned: speeds that are measured and sent without their sign, as by most production sensors: they count
             teeth. Noise and resolution are then those of the magnitude.
         gear_changes: when in a shift the one gear of the message Transmission changes: in the middle, when the new
@@ -116,6 +128,10 @@ class SensorProfile:
     driven_axle: Literal["front", "rear", "all"] = "front"
     seed: int = 0
     inertial: InertialErrors = InertialErrors()
+    reference_torque_nm: float = 400.0
+    clutch_torque_gain: float = 1.06
+    driving_shaft_delay_us: int = 50_000
+    direction: DirectionErrors = DirectionErrors()
     unsigned: frozenset[Speeds] = frozenset()
     gear_changes: GearChange = "end"
 
@@ -159,127 +175,19 @@ ONE_GEAR = replace(
 )
 """The same with one gear signal for the whole gearbox: every other message is the same bit for bit."""
 
-
-@dataclass(frozen=True, slots=True)
-class _Sampled:
-    """Truth at the sample instants of one message."""
-
-    truth: NDArray[np.void]
-    at_us: NDArray[np.int64]  # on the time of the truth
-    profile: SensorProfile
-    wheel_radius_m: float
-    random: np.random.Generator
-    lasting: np.random.Generator  # always at its beginning: for what is the same for the whole life of a car
-
-    def value(self, name: str, sigma: float = 0.0, late_us: int = 0) -> Floats:
-        clean = np.interp(self.at_us - late_us, self.truth["t_us"], self.truth[name])
-        noise = sigma * self.random.standard_normal(len(clean)) if sigma else 0.0
-        return np.asarray(clean + noise, np.float64)
-
-    def speed(self, name: str, group: Speeds, sigma: float, difference: float = 0.0) -> Floats:
-        """Return a speed of ``group``, as it is sent: maybe unsigned; ``difference`` is 1 left and -1 right."""
-        signed = self.value(name)
-        if difference != 0.0:
-            signed = signed + difference * self.value("wheel_difference_rad_s")
-        noise = sigma * self.random.standard_normal(len(signed)) if sigma else 0.0
-        if group in self.profile.unsigned:
-            return np.asarray(np.maximum(0.0, np.abs(signed) + noise), np.float64)
-        return np.asarray(signed + noise, np.float64)
-
-    def rate(self, name: str, late_us: int = 0) -> Floats:
-        """Return by how much a value changes in a second."""
-        step_us = 1000  # that of the truth
-        value, before = self.value(name, late_us=late_us), self.value(name, late_us=late_us + step_us)
-        return (value - before) * (1e6 / step_us)
-
-    def state(self, name: str) -> NDArray[np.int64]:
-        rows = np.searchsorted(self.truth["t_us"], self.at_us, side="right") - 1
-        return np.asarray(self.truth[name][rows], np.int64)
-
-
-def _engine(s: _Sampled) -> dict[str, Floats]:
-    profile = s.profile
-    torque = s.value("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
-    if profile.torque_lag_s > 0.0:
-        torque += profile.torque_lag_s * s.rate("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
-    torque = profile.torque_gain * torque + profile.torque_offset_nm
-    speed = s.value("engine_speed_rad_s", profile.noise.engine_speed_rad_s)
-    noise = profile.noise.engine_torque_nm * s.random.standard_normal(len(torque))
-    return {
-        "EngineSpeed": speed * _RPM_PER_RAD_S,
-        "EngineTorque": torque + noise,
-        "AcceleratorPedal": 100.0 * s.value("pedal"),
-        "BrakeActive": (s.value("brake_n") > 0.0).astype(float),
-    }
-
-
-def _shafts(s: _Sampled) -> dict[str, Floats]:
-    sigma = s.profile.noise.shaft_speed_rad_s
-    return {
-        f"InputShaft{i}Speed": s.speed(f"shaft{i}_speed_rad_s", "shafts", sigma) * _RPM_PER_RAD_S for i in (1, 2)
-    }
-
-
-def _gearbox(s: _Sampled) -> dict[str, Floats]:
-    columns: dict[str, Floats] = {}
-    for i in (1, 2):
-        gear = s.state(f"gear{i}")
-        raw = np.where(gear < 0, _GEAR_REVERSE, gear)
-        columns[f"GearShaft{i}"] = np.where(s.state(f"changing{i}") == 1, _GEAR_CHANGING, raw).astype(float)
-        columns[f"Clutch{i}Position"] = s.value(f"clutch{i}_position_mm", s.profile.noise.clutch_position_mm)
-    return columns
-
-
-def _transmission(s: _Sampled) -> dict[str, Floats]:
-    told = one_gear(s.truth, s.profile.gear_changes)
-    rows = np.searchsorted(s.truth["t_us"], s.at_us, side="right") - 1
-    actual, target = (np.where(gear < 0, _GEAR_REVERSE, gear)[rows] for gear in (told.actual, told.target))
-    columns = {
-        "ActualGear": actual,
-        "TargetGear": target,
-        "ShiftInProgress": told.shifting[rows],
-        "ClutchState": told.state[rows],
-    }
-    return {name: column.astype(float) for name, column in columns.items()}
-
-
-def _axle(front: bool) -> Callable[[_Sampled], dict[str, Floats]]:
-    def columns(s: _Sampled) -> dict[str, Floats]:
-        driven = s.profile.driven_axle in ("all", "front" if front else "rear")
-        name = "wheel_speed_rad_s" if driven else "undriven_wheel_speed_rad_s"
-        scale = s.wheel_radius_m * _KMH_PER_M_S
-        sigma = s.profile.noise.wheel_speed_rad_s
-        return {
-            f"WheelSpeed{wheel}": s.speed(name, "wheels", sigma, half if driven else 0.0) * scale
-            for wheel, half in ((("FL", 1.0), ("FR", -1.0)) if front else (("RL", 1.0), ("RR", -1.0)))
-        }
-
-    return columns
-
-
-def _inertial(s: _Sampled) -> dict[str, Floats]:
-    errors, half_us = s.profile.inertial, _ACCELERATION_US // 2
-    offset, grade_offset = s.lasting.standard_normal(2) * (errors.offset_m_s2, errors.grade_offset_rad)
-    name = "undriven_wheel_speed_rad_s"
-    later, earlier = (s.value(name, late_us=errors.delay_us + sign * half_us) for sign in (-1, 1))
-    dv_dt = s.wheel_radius_m * (later - earlier) / (_ACCELERATION_US * 1e-6)
-    gravity = STANDARD_GRAVITY * np.sin(s.value("grade_rad", late_us=errors.delay_us))
-    noise = errors.noise_m_s2 * s.random.standard_normal(len(dv_dt))
-    return {
-        "LongAcceleration": (1.0 + errors.pitch) * dv_dt + gravity + offset + noise,
-        "RoadGrade": np.degrees(s.value("grade_rad", late_us=errors.grade_delay_us) + grade_offset),
-    }
-
-
-_COLUMNS: dict[str, Callable[[_Sampled], dict[str, Floats]]] = {
-    "EngineData": _engine,
-    "InputShafts": _shafts,
-    "Gearbox": _gearbox,
-    "WheelSpeedsFront": _axle(front=True),
-    "WheelSpeedsRear": _axle(front=False),
-    "Inertial": _inertial,
-    "Transmission": _transmission,
-}
+MORE = replace(
+    PRODUCTION,
+    name="more",
+    timing={
+        **PRODUCTION.timing,
+        "WheelDirections": Timing(20_000, 7_300, 2_000, 400),
+        "EngineShare": Timing(10_000, 0, 1_500, 400),
+        "EngineReference": Timing(1_000_000, 3_100, 2_000, 400),
+        "DrivingClutch": Timing(10_000, 5_900, 1_000, 400),
+        "DrivingShaft": Timing(10_000, 2_700, 1_000, 400),
+    },
+)
+"""The same with the messages of dbc/demo_car_more.dbc: every other message is the same bit for bit."""
 
 
 @dataclass(slots=True)
@@ -305,8 +213,8 @@ class FrameEmitter:
     def __post_init__(self) -> None:
         known = {message.name for message in self.database.messages}
         for name, timing in self.profile.timing.items():
-            if name not in _COLUMNS:
-                raise DctorqueError(f"no sensors for message {name}; there are {', '.join(_COLUMNS)}")
+            if name not in COLUMNS:
+                raise DctorqueError(f"no sensors for message {name}; there are {', '.join(COLUMNS)}")
             if name not in known:
                 raise DctorqueError(f"the DBC has no message {name}; the simulated car sends demo_car.dbc")
             if not 0 <= timing.jitter_us < timing.period_us:
@@ -347,8 +255,8 @@ class FrameEmitter:
         message = self.database.get_message_by_name(name)
         lasting = np.random.default_rng([self.profile.seed, message.frame_id, 1])
         radius_m = self.vehicle.chassis.wheel_radius_m
-        sampled = _Sampled(truth, at_us, self.profile, radius_m, random, lasting)
-        payload = self._encoders[name].encode(_COLUMNS[name](sampled))
+        sampled = Sampled(truth, at_us, self.profile, radius_m, random, lasting)
+        payload = self._encoders[name].encode(COLUMNS[name](sampled))
         frames = Frames.empty(len(at_us))
         late = timing.delay_us + random.integers(0, timing.jitter_us, len(at_us), endpoint=True)
         frames.t_us[:] = at_us - first + start_us + late

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from dctorque_can.cli.check import check
 from dctorque_can.config.overview import LOST
 from dctorque_can.pipeline.samples import Quantity
+from dctorque_can.resources import shipped_dbc
 
 APP = typer.Typer()
 APP.command()(check)
@@ -56,7 +57,12 @@ def test_json_for_scripts() -> None:
         ["rpm"],
         10,
     )
-    assert [row["quantity"] for row in report["inputs"] if not row["present"]] == ["acceleration", "grade"]
+    assert [row["quantity"] for row in report["inputs"] if not row["present"]] == [
+        "acceleration",
+        "grade",
+        "direction",
+        "transmission_torque",
+    ]
 
 
 def test_errors_go_to_stderr_and_end_with_1(write) -> None:
@@ -119,3 +125,26 @@ def test_a_file_that_is_not_there() -> None:
 
 def test_every_quantity_says_what_is_lost_without_it() -> None:
     assert set(LOST) == {quantity.name.lower() for quantity in Quantity}
+
+
+def test_a_product_is_shown(write) -> None:
+    torque = {
+        "signal": "EngineShare.IndicatedTorque",
+        "not_available": [4095],
+        "times": {"signal": "EngineReference.ReferenceTorque", "not_available": [65535]},
+    }
+    path = write({"databases.1": str(shipped_dbc("demo_car_more")), "inputs.engine_torque": torque})
+    shown = run(path).stdout
+    assert "× EngineReference.ReferenceTorque" in shown
+    assert "× 5000 ms" in shown
+    (row,) = [r for r in json.loads(run(path, "--json").stdout)["inputs"] if r["quantity"] == "engine_torque"]
+    assert row["multiplier"] == {
+        "signal": "EngineReference.ReferenceTorque",
+        "divides": False,
+        "unit": "Nm",
+        "factor": 1.0,
+        "offset": 0.0,
+        "not_available": [65535],
+        "timeout_ms": 5000.0,
+    }
+    assert len(row["protection"]) == 2

@@ -24,7 +24,7 @@ NO_BRAKE = {"inputs.brake": "null"}
         ("paper_car", "stop_start", BY_RATIO),
         ("avante_dct7", "sailing", BY_RATIO),
         ("avante_dct7", "reverse", BY_RATIO),
-        # 1013, 567, 404 and 485 ms, while a shaft that wound up or rang behind a closed clutch counted as in neutral
+        # 1013, 567, 404, 485 ms, while a shaft that rang behind a closed clutch counted as in neutral
         ("paper_car", "roll_back", BY_RATIO),
         ("paper_car", "wheel_spin", BY_RATIO),
         ("paper_car", "split_mu", BY_RATIO),

@@ -11,13 +11,16 @@ def test_faults_are_told_only_above_one_percent():
     both = Status.CLUTCH1_VALID | Status.CLUTCH2_VALID
     faulty = Status.CLUTCH1_VALID | Status.ENGINE_TORQUE_FAULT
     shares = StatusShares()
-    shares.count(np.array([*97 * [both], faulty, faulty, Status.LIMITED], np.uint32))
-    assert status_lines(shares.as_json()) == [
-        "valid estimates: clutch 1 99.0 %, clutch 2 97.0 %, output shaft 0.0 %",
-        "share of estimates with: engine torque fault 2 %",
+    t_us = 1000 * np.array([*range(97), 97, 98, 99, 100])
+    shares.count(t_us, np.array([*97 * [both], faulty, faulty, Status.LIMITED, 0], np.uint32))
+    assert status_lines(shares.as_json(), shares.time_as_json()) == [
+        "valid estimates: clutch 1 98.0 % (99.0 % of the time), clutch 2 96.0 % (97.0 % of the time), "
+        "output shaft 0.0 % (0.0 % of the time)",
+        "share of the time with: engine torque fault 2 %",
     ]
 
 
 def test_without_estimates_nothing_is_valid():
-    lines = status_lines(StatusShares().as_json())
-    assert lines == ["valid estimates: clutch 1 0.0 %, clutch 2 0.0 %, output shaft 0.0 %"]
+    nothing = StatusShares()
+    (line,) = status_lines(nothing.as_json(), nothing.time_as_json())
+    assert line.count("0.0 % (0.0 % of the time)") == 3

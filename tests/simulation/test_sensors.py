@@ -19,8 +19,10 @@ from dctorque_can.simulation.manoeuvres import MANOEUVRES
 from dctorque_can.simulation.sensors import (
     INERTIAL,
     LABORATORY,
+    MORE,
     ONE_GEAR,
     PRODUCTION,
+    DirectionErrors,
     FrameEmitter,
     InertialErrors,
     Noise,
@@ -341,3 +343,57 @@ def test_one_gear_changes_no_other_message_and_follows_the_shift(
         assert told["TargetGear"][first - 1000] == 2  # preselected
         assert told["ActualGear"][first - 1000] == 1
     assert changed_at["middle"] < changed_at["end"]
+
+
+def test_more_messages_change_no_other_one(paper_truth: NDArray[np.void], paper_vehicle: Vehicle) -> None:
+    database = load_database([DatabaseFile(DBC), DatabaseFile(DBC.with_name("demo_car_more.dbc"))])
+    frames = emit_frames(paper_truth, paper_vehicle, replace(MORE, seed=4), database)
+    before = replace(PRODUCTION, seed=4)
+    others = frames[np.isin(frames.can_id, [database.get_message_by_name(n).frame_id for n in before.timing])]
+    without = emit_frames(paper_truth, paper_vehicle, before, database)
+    np.testing.assert_array_equal(others.data, without.data)
+    np.testing.assert_array_equal(others.t_us, without.t_us)
+
+
+def test_directions_are_late_and_stick_as_told(paper_vehicle: Vehicle) -> None:
+    """At rest standstill, or what was said before; of a wheel that turns backwards, 60 ms later, backward."""
+    database = load_database([DatabaseFile(DBC), DatabaseFile(DBC.with_name("demo_car_more.dbc"))])
+    truth = simulate(paper_vehicle, MANOEUVRES["roll_back"](paper_vehicle))
+    speed = truth["undriven_wheel_speed_rad_s"]
+    late = DirectionErrors(delay_us=60_000)
+    said = {}
+    for name, errors in (
+        ("late", late),
+        ("freezes", replace(late, freezes=True)),
+        ("stuck", replace(late, stuck="forward")),
+    ):
+        profile = replace(MORE, timing={"WheelDirections": Timing(1_000)}, direction=errors)
+        t_us, columns = decoded(emit_frames(truth, paper_vehicle, profile, database), database, "WheelDirections")
+        said[name] = columns
+    assert set(columns) >= {f"WheelDirection{wheel}" for wheel in ("FL", "FR", "RL", "RR")}
+    backwards = truth["t_us"][np.flatnonzero(speed < -0.3)[0]]
+    first = t_us[np.flatnonzero(said["late"]["VehicleDirection"] == 2)[0]]
+    assert abs(first - backwards - 60_000) <= 1_000
+    rests = said["late"]["VehicleDirection"] == 0
+    assert rests[0]
+    assert set(said["freezes"]["VehicleDirection"][rests]) == {1.0, 2.0}
+    np.testing.assert_array_equal(
+        said["freezes"]["VehicleDirection"][~rests], said["late"]["VehicleDirection"][~rests]
+    )
+    assert set(said["stuck"]["WheelDirectionRL"]) == {1.0}
+
+
+def test_shares_of_the_reference_torque_are_the_engine_torque(
+    paper_truth: NDArray[np.void], paper_vehicle: Vehicle
+) -> None:
+    """Indicated less friction, times what 100 % are: the nominal torque, within half a step of both."""
+    database = load_database([DatabaseFile(DBC), DatabaseFile(DBC.with_name("demo_car_more.dbc"))])
+    timing = {"EngineShare": Timing(1_000), "EngineReference": Timing(1_000_000)}
+    profile = replace(MORE, noise=QUIET, reference_torque_nm=300.0, timing=timing)
+    frames = emit_frames(paper_truth, paper_vehicle, profile, database)
+    t_us, share = decoded(frames, database, "EngineShare")
+    assert set(decoded(frames, database, "EngineReference")[1]["ReferenceTorque"]) == {300.0}
+    torque = (share["IndicatedTorque"] - share["FrictionTorque"]) / 100.0 * 300.0
+    nominal = np.interp(t_us, paper_truth["t_us"], paper_truth["engine_torque_nominal_nm"])
+    assert np.abs(torque - nominal).max() <= 2 * 0.05 / 100.0 * 300.0 + 1e-9
+    assert share["FrictionTorque"].min() > 0.0

@@ -10,6 +10,7 @@ from dctorque_can.estimators.inputs import phase_of, phases_known
 from dctorque_can.estimators.kalman import gearbox, losses, one_gear, tape
 from dctorque_can.estimators.kalman.engine import torque_error
 from dctorque_can.estimators.kalman.filter import Kalman
+from dctorque_can.estimators.kalman.learning import report_noise
 from dctorque_can.estimators.kalman.model import GAIN, LAG_1, LAG_2, T_V, W_B, W_C1, W_E
 from dctorque_can.estimators.kalman.thresholds import SETTLING_US, VALID_OUTPUT_SHARE, VALID_SHARE
 from dctorque_can.pipeline.estimates import SENSORS, Status
@@ -84,6 +85,7 @@ def report(k: Kalman, row: Any) -> None:
         row.innovations[sensor] = f.taken[sensor]
         row.innovation_squares[sensor] = f.squares[sensor]
         row.innovations_rejected[sensor] = f.beyond[sensor]
+    report_noise(f, k.tuning[0], row)
     row.engine_torque_gain_error = f.x[GAIN]
     row.engine_torque_gain_sigma = math.sqrt(max(f.P[GAIN, GAIN], 0.0))
     row.engine_torque_lag_error_s = f.x[LAG_1] + f.x[LAG_2]

@@ -129,6 +129,8 @@ FILTER = np.dtype(
         ("spread_us", "i8", (2,)),  # when it was last found as usual
         ("noise_ratio", "f8", (_SENSORS,)),  # `learning`: true variance of a sample over the configured one
         ("noise_samples", "f8", (_SENSORS,)),  # … and how many samples it was learned from
+        ("all_noise", "f8", (_SENSORS,)),  # the same over all samples since the beginning, times …
+        ("all_samples", "f8", (_SENSORS,)),  # … how many these are
         ("last_e", "f8", (_SENSORS, 2)),  # innovations of the last two that were not believed
         ("taken", "i8", (_SENSORS,)),  # measurements within the gate but zeros, through all restarts
         ("squares", "f8", (_SENSORS,)),  # … and the sum of their normalised innovations squared

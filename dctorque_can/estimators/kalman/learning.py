@@ -10,6 +10,7 @@ sensor that is better than told; the quarter limits what that can do.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
@@ -33,6 +34,21 @@ def noise_factor(f: Any, tuning: Any, sensor: int) -> float:
 
 
 @compiled_without_allocation
+def report_noise(f: Any, tuning: Any, row: Any) -> None:
+    """Fill what a health row says of the noise of each sensor: as it is told, and as all samples have it.
+
+    Without what rounding does, as the keys of a vehicle file have it.
+    """
+    for sensor in range(len(f.noise_ratio)):
+        told, variance = tuning.told_noise[sensor], tuning.told_noise[sensor] ** 2 + tuning.rounding[sensor]
+        samples = f.all_samples[sensor]
+        learned = f.all_noise[sensor] / samples * variance - tuning.rounding[sensor] if samples > 0.0 else 0.0
+        row.speed_noise_told_rad_s[sensor] = told
+        row.speed_noise_rad_s[sensor] = math.sqrt(max(learned, 0.0))
+        row.speed_noise_samples[sensor] = samples
+
+
+@compiled_without_allocation
 def learn_noise(f: Any, tuning: Any, sensor: int, e: float, known: float, variance: float) -> None:
     """Learn from an innovation that is believed.
 
@@ -49,7 +65,10 @@ def learn_noise(f: Any, tuning: Any, sensor: int, e: float, known: float, varian
     weight = (variance / (variance + known)) ** 2
     f.noise_samples[sensor] = min(f.noise_samples[sensor] + weight, _SAMPLES)
     configured = variance / noise_factor(f, tuning, sensor)
-    change = (e * e - known) / configured - f.noise_ratio[sensor]
+    ratio = (e * e - known) / configured
+    f.all_noise[sensor] += ratio * weight
+    f.all_samples[sensor] += weight
+    change = ratio - f.noise_ratio[sensor]
     f.noise_ratio[sensor] = max(f.noise_ratio[sensor] + change * weight / f.noise_samples[sensor], 0.0)
 
 

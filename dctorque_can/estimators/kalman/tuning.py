@@ -40,6 +40,8 @@ TUNING = np.dtype(
         ("spin_loss_error", "f8", (2,)),  # by how much those of an input shaft may be others
         ("speed_variance", "f8", (SPEEDS,)),  # of one sample: engine, input shafts, wheels FL, FR, RL, RR
         ("least_noise", "f8", (5,)),  # share of it that is always believed; both axles' wheels alike
+        ("told_noise", "f8", (5,)),  # rad/s, standard deviation as configured
+        ("rounding", "f8", (5,)),  # (rad/s)², variance of the resolution
         ("timing_error", "f8"),  # s, between the sample of a speed and its frame's time
         ("gate", "f8"),  # largest normalised innovation squared that is believed
         ("patience_us", "i8"),  # … until one has not been for so long
@@ -105,6 +107,12 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     rounding = [q**2 / 12.0 for q in design.speed_resolutions_rad_s]
     least = [max(LEAST_NOISE, known / all_noise) for known, all_noise in zip(rounding, variances, strict=True)]
     t["least_noise"] = [*least[:3], *2 * [max(least[3:])]]
+    t["told_noise"] = [
+        design.engine_speed_noise_rad_s,
+        *2 * [design.shaft_speed_noise_rad_s],
+        *2 * [design.wheel_speed_noise_rad_s],
+    ]
+    t["rounding"] = [*rounding[:3], *2 * [max(rounding[3:])]]
     t["gate"] = design.gate_sigma**2
     t["patience_us"] = round(design.gate_patience_s * 1e6)
     t["timing_error"] = design.timing_error_s

@@ -60,5 +60,5 @@ def new_service(config: Config, connect: Callable[[], can.BusABC]) -> Service:
 
 def mapped_messages(config: Config) -> dict[int, Any]:
     """Return by identifier the cantools messages that an input comes from."""
-    names = {term.message for given in config.inputs for term in given.terms}
+    names = {term.message for given in config.inputs for term in given.signals}
     return {m.frame_id: m for m in config.database.messages if m.name in names}
