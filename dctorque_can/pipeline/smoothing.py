@@ -1,8 +1,9 @@
 """A whole recording smoothed: forwards in segments, and back over them from the last to the first.
 
-Going forwards keeps the samples and, for each segment, a snapshot of the estimator. Going back runs a segment
-once more from its snapshot with the filter's tape on, and the smoother (`estimators.kalman.smoother`) follows the
-tape. So only one segment at a time has a tape, and nothing depends on how long a segment is.
+Going forwards keeps the samples and, for each segment, a snapshot of the estimator. A second time forwards the
+filter's tape is on, and tells what errors that last do to the estimates (`estimators.kalman.lasting`). Going back
+runs a segment once more from its snapshot, and the smoother (`estimators.kalman.smoother`) follows the tape. So
+only one segment at a time has a tape, and nothing depends on how long a segment is.
 
 Samples that come late by a known delay are first put in the order in which they were taken (`arrivals`): a whole
 recording needs no queue. Estimates are still those of the times at which they were due online.
@@ -11,14 +12,13 @@ recording needs no queue. Estimates are still those of the times at which they w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.errors import DctorqueError
-from dctorque_can.estimators.kalman import smoother, tape
+from dctorque_can.estimators.kalman import lasting, smoother, tape
 from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.arrivals import Arrivals, without_delays
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates, Status
@@ -27,6 +27,7 @@ from dctorque_can.pipeline.samples import Samples
 from dctorque_can.pipeline.settings import Settings
 
 SEGMENT = 1024  # samples; their tape fits but for odd traffic, and then the segment is halved
+_FORTH = 0.3  # share of the time that the second way forwards takes
 _TORQUES = ("clutch1_torque_nm", "clutch2_torque_nm", "output_torque_nm")
 _SIGMAS = ("clutch1_sigma_nm", "clutch2_sigma_nm", "output_sigma_nm")
 _VALID = int(Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID)
@@ -110,15 +111,22 @@ class Smoother:
             for samples, wanted in self._arrivals.in_order():
                 self._feed(samples, wanted)
         end = self._estimator.snapshot()
+        errors = np.zeros(1, lasting.SENSITIVITY)
+        before = []
+        for n, segment in enumerate(self._segments):
+            self._estimator.restore(segment.before)
+            before.append(errors.copy())
+            self._go_forth(segment.samples, segment.wanted, errors)
+            progress(_FORTH * (n + 1) / len(self._segments))
         adjoint = np.zeros(1, smoother.ADJOINT)
         rows = np.zeros(self._rows, ESTIMATE)
         rest = len(rows)
         for n, segment in enumerate(reversed(self._segments)):
             self._estimator.restore(segment.before)
-            found = self._go_back(segment.samples, segment.wanted, adjoint)
+            found = self._go_back(segment.samples, segment.wanted, before.pop(), adjoint)
             rows[rest - len(found) : rest] = found
             rest -= len(found)
-            progress((n + 1) / len(self._segments))
+            progress(_FORTH + (1.0 - _FORTH) * (n + 1) / len(self._segments))
         self._estimator.restore(end)
         tape.rewind(self._tape, on=False)
         self._estimator = online
@@ -129,30 +137,58 @@ class Smoother:
         found: NDArray[np.void] = self._estimator.chosen.state["tape"]
         return found
 
-    def _go_back(self, samples: Samples, wanted: NDArray[np.bool_], adjoint: NDArray[np.void]) -> NDArray[np.void]:
-        """Return the smoothed rows of the next ``samples``; carry the adjoint from their end to their beginning.
-
-        What has no room on the tape is done in halves.
-        """
+    def _tape_of(self, samples: Samples, wanted: NDArray[np.bool_]) -> NDArray[np.void] | None:
+        """Feed with the tape on and return the rows; None, and nothing is fed, when they have no room on it."""
         before = self._estimator.snapshot()
         tape.rewind(self._tape, on=True)
         rows = self._estimator.feed(samples, wanted).rows
-        if self._tape["full"][0]:
-            if len(samples) == 1:
-                raise RuntimeError("what one sample does has no room on the tape: make it longer")
-            half = len(samples) // 2
-            first, second = (slice(a, b) for a, b in pairwise((0, half, len(samples))))
+        if not self._tape["full"][0]:
+            return rows
+        if len(samples) == 1:
+            raise RuntimeError("what one sample does has no room on the tape: make it longer")
+        self._estimator.restore(before)
+        return None
+
+    def _go_forth(self, samples: Samples, wanted: NDArray[np.bool_], errors: NDArray[np.void]) -> None:
+        """Carry what lasting errors do over the next ``samples``; those that have no room in halves."""
+        if self._tape_of(samples, wanted) is None:
+            for part in _halves(samples):
+                self._go_forth(samples[part], wanted[part], errors)
+            return
+        k = self._estimator.chosen
+        lasting.go_forth(k.state, k.tables, k.tuning, errors)
+
+    def _go_back(
+        self,
+        samples: Samples,
+        wanted: NDArray[np.bool_],
+        errors: NDArray[np.void],
+        adjoint: NDArray[np.void],
+    ) -> NDArray[np.void]:
+        """Return the smoothed rows of the next ``samples``; carry the adjoint from their end to their beginning.
+
+        What has no room on the tape is done in halves. ``errors`` are those before the samples.
+        """
+        before = self._estimator.snapshot()
+        rows = self._tape_of(samples, wanted)
+        if rows is None:
+            first, second = _halves(samples)
+            later = errors.copy()
+            self._go_forth(samples[first], wanted[first], later)
+            late = self._go_back(samples[second], wanted[second], later, adjoint)
             self._estimator.restore(before)
-            tape.rewind(self._tape, on=False)
-            self._estimator.feed(samples[first], wanted[first])
-            late = self._go_back(samples[second], wanted[second], adjoint)
-            self._estimator.restore(before)
-            return np.concatenate([self._go_back(samples[first], wanted[first], adjoint), late])
+            return np.concatenate([self._go_back(samples[first], wanted[first], errors, adjoint), late])
         found = np.zeros(len(rows), smoother.SMOOTHED)
         k = self._estimator.chosen
+        lasting.go_forth(k.state, k.tables, k.tuning, errors)
         smoother.go_back(k.state, k.tables, adjoint, found)
         _replace(rows, found, self._estimator.torque_limits)
         return rows
+
+
+def _halves(samples: Samples) -> tuple[slice, slice]:
+    half = len(samples) // 2
+    return slice(0, half), slice(half, len(samples))
 
 
 def joined(found: Sequence[Estimates]) -> Estimates:

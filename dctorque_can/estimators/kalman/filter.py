@@ -254,12 +254,12 @@ def predict(
 @compiled_without_allocation
 def _advance(f: Any, tables: Tables, model: int, step: int, q: arithmetic.Noises, T_en: float) -> None:
     """Carry state and covariance one step on, with q of `process_noise`."""
-    tape.predicted(f, model, step)
     arithmetic.carry_on(f, tables.steps[model, step], T_en, q)
     per_s = 1e6 / _STEPS[step]
     for i in range(N):
         f.rate[i] = (f.next[i] - f.x[i]) * per_s
         f.x[i] = f.next[i]
+    tape.predicted(f, model, step)
 
 
 @compiled_without_allocation
