@@ -34,6 +34,7 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
+from dctorque_can.pipeline import hindsight
 from dctorque_can.pipeline.samples import Signs
 
 _SIGNED, _UNTOLD = int(Signs.SIGNED), int(Signs.UNTOLD)
@@ -51,6 +52,7 @@ DIRECTION = np.dtype(
         ("P", "f8", (2, 3)),  # variances of speed, of both together, of load
         ("odds", "f8"),  # logarithm of how much likelier forwards is, by how the speed changes
         ("steepness", "f8"),  # … by the steepest grade that it meant
+        ("diary", hindsight.DIARY),
     ],
     align=True,
 )
@@ -92,6 +94,7 @@ def forget(d: Any, inputs: Any) -> None:
     """Know nothing of the direction any more; which speeds have a sign is a matter of the car, and stays."""
     d.t_us = d.moved_us = d.braked_us = d.together_us = NEVER
     d.odds = d.steepness = 0.0
+    hindsight.forget(d.diary)
     if inputs.magnitudes:
         inputs.direction = 0
 
@@ -121,6 +124,10 @@ def follow(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
             direction = 1
         elif odds < -_DECIDED:
             direction = -1
+    hindsight.note(d.diary, inputs.t_us, direction != 0 if told else d.t_us != NEVER, direction)
+    way = hindsight.foretold(d.diary, inputs.t_us)
+    if way != 0 and (direction == 0 or not told):
+        direction = way
     inputs.direction = direction
     give_signs(inputs, rules, direction)
     inputs.doubt = 0.0 if direction != 0 else 1.0 / (1.0 + math.exp(odds * inputs.heading))
