@@ -125,11 +125,11 @@ def follow(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
         elif odds < -_DECIDED:
             direction = -1
     hindsight.note(d.diary, inputs.t_us, direction != 0 if told else d.t_us != NEVER, direction)
-    way = hindsight.foretold(d.diary, inputs.t_us)
-    if way != 0 and (direction == 0 or not told):
+    way = 0 if told else hindsight.foretold(d.diary, inputs.t_us)
+    if way != 0 and d.t_us != NEVER:  # noise of a speed at rest has either sign
         direction = way
     inputs.direction = direction
-    give_signs(inputs, rules, direction)
+    give_signs(inputs, rules, way if way != 0 else direction)
     inputs.doubt = 0.0 if direction != 0 else 1.0 / (1.0 + math.exp(odds * inputs.heading))
 
 

@@ -1,10 +1,10 @@
 """Which way the car went, as a whole recording tells: noted while it is fed, foretold when it is fed once more.
 
 While it is fed, each movement from standstill to standstill is noted with the way that was decided for it at last.
-When the recording is smoothed, that way holds for the movement from its first moment on. The first half of a
-standstill is the movement's before it, the second half the next one's: a car that rolls back and is caught stands
-for an instant, in the middle of the time in which it is too slow to tell. A movement that never was decided stays
-in doubt.
+When the recording is smoothed, that way holds for the movement from its first moment on. At rest it is only the
+sign that speeds are given: the noise of a speed at rest has either sign. The first half of a standstill has that
+of the movement before, the second half that of the next one: a car that rolls back and is caught stands for an
+instant, in the middle of the time in which it is too slow to tell. A movement that was never decided stays so.
 """
 
 from __future__ import annotations

@@ -54,6 +54,7 @@ from dctorque_can.estimators.kalman.tape import ERRORS, FORGET, MEASURE, PREDICT
     ENGINE_TORQUE,  # offset
 ) = range(ERRORS)
 _AGES = 2.5  # timing errors of a vehicle file, which are those of noise: messages of a bus are 1 to 2 ms late
+_STIFFNESS = 2.0  # shares that a stiffness may be another: mounts and tyres wind up, too
 _OF_STATE = np.full(N, -1, np.int8)  # whose age a measurement of each state has
 _OF_STATE[[W_E, W_C1, W_C2, W_W, W_B]] = AGE_ENGINE, AGE_SHAFTS, AGE_SHAFTS, AGE_DRIVEN, AGE_UNDRIVEN
 _SECONDS = np.array(STEPS_US) * 1e-6
@@ -67,6 +68,7 @@ def deviations(design: KalmanDesign) -> NDArray[np.float64]:
     sigma = np.zeros(ERRORS)
     sigma[AGE_ENGINE : AGE_UNDRIVEN + 1] = _AGES * design.timing_error_s
     sigma[MASS : OUTPUT_STIFFNESS + 1] = design.parameter_error_share
+    sigma[TRANSFER_STIFFNESS : OUTPUT_STIFFNESS + 1] *= _STIFFNESS
     sigma[ENGINE_TORQUE] = design.engine_torque_error_nm
     return sigma
 
