@@ -18,7 +18,6 @@ from dctorque_can.offline.simulated_car import SimulatedDrive, write_log
 from dctorque_can.resources import shipped_config
 
 
-
 def run(paths: list[Path], config: Config, output: Path, content: ReplayContent | None = None) -> ReplayResult:
     logs = [open_log(path) for path in paths]
     return replay_logs(logs, config, ReplayTargets(output), content or ReplayContent(), lambda fraction: None)

@@ -28,6 +28,8 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.kalman.model import GAIN, N, Tables
 from dctorque_can.estimators.kalman.tape import ERRORS, FORGET, MEASURE, PREDICT
 
+_LEAST_WEIGHT = 0.001  # of a correction: a smoothed estimate can be told from one that is as online
+
 ADJOINT = np.dtype(
     [
         ("lam", "f8", (N,)),  # λ
@@ -230,7 +232,7 @@ def weigh(tape: Any, a: Any, row: int, i: int, gain: float) -> tuple[float, floa
         worth += s * d
         all_of_it += d * d
         lasting += s * s
-    weight = min(max(worth / all_of_it, 0.0), 1.0) if all_of_it > 0.0 else 1.0
+    weight = min(max(worth / all_of_it, _LEAST_WEIGHT), 1.0) if all_of_it > 0.0 else 1.0
     return weight, lasting - 2.0 * weight * worth + weight * weight * all_of_it
 
 

@@ -94,7 +94,7 @@ def test_a_correction_is_taken_as_far_as_it_is_worth(tables):
         gain = V - M @ dense.P[past, past] @ M.T
         d = s - np.array([M @ error.x[past] for error in errors])
         worth, whole = np.diag(gain) + np.sum(s * d, axis=0), np.diag(gain) + np.sum(d * d, axis=0)
-        w = np.clip(np.divide(worth, whole, out=np.ones(3), where=whole > 0.0), 0.0, 1.0)
+        w = np.clip(np.divide(worth, whole, out=np.ones(3), where=whole > 0.0), 1e-3, 1.0)
         change = np.sum(s * s, axis=0) - 2.0 * w * worth + w * w * whole
         torque = x + w * (M @ dense.x[past] - x)
         np.testing.assert_allclose(found["torque"][n], torque, rtol=1e-5, atol=1e-5 * np.sqrt(V[2, 2]))
