@@ -34,6 +34,7 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
+from dctorque_can.pipeline import hindsight
 from dctorque_can.pipeline.direction_signal import DIRECTION_SIGNAL, forget_signal, signal_odds
 from dctorque_can.pipeline.samples import Signs
 
@@ -63,6 +64,7 @@ DIRECTION = np.dtype(
         ("refuted", "u1"),  # the drive alone decided otherwise since the signal said so
         ("proven", "u1"),  # … or as a signal did that was alive
         ("measures", "u1"),  # … while the car rolled against its gear
+        ("diary", hindsight.DIARY),
     ],
     align=True,
 )
@@ -114,6 +116,7 @@ def forget(d: Any, inputs: Any) -> None:
     d.t_us = d.moved_us = d.braked_us = d.together_us = NEVER
     d.odds = d.steepness = 0.0
     forget_signal(d)
+    hindsight.forget(d.diary)
     if inputs.magnitudes:
         inputs.direction = 0
 
@@ -147,8 +150,12 @@ def follow(d: Any, inputs: Any, rules: Any, answer: Any) -> None:
             direction = 1
         elif odds < -_DECIDED:
             direction = -1
+    hindsight.note(d.diary, inputs.t_us, direction != 0 if told else d.t_us != NEVER, direction)
+    way = 0 if told else hindsight.foretold(d.diary, inputs.t_us)
+    if way != 0 and d.t_us != NEVER:  # noise of a speed at rest has either sign
+        direction = way
     inputs.direction = direction
-    give_signs(inputs, rules, direction)
+    give_signs(inputs, rules, way if way != 0 else direction)
     inputs.doubt = 0.0 if direction != 0 else doubt_of(odds if abs(odds) < abs(by_drive) else by_drive, inputs)
 
 

@@ -126,6 +126,12 @@ class Estimator:
         return self._now.chosen
 
     @property
+    def diary(self) -> NDArray[np.void]:
+        """`hindsight.DIARY` ``[1]``: which way the car went, and will go."""
+        found: NDArray[np.void] = self._now.core["direction"]["diary"]
+        return found
+
+    @property
     def torque_limits(self) -> NDArray[np.float64]:
         """Largest clutch torques and output torque that are published ``[3]``, N·m."""
         inputs = self._now.inputs[0]

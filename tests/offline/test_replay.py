@@ -17,8 +17,6 @@ from dctorque_can.offline.replay import ReplayContent, ReplayResult, ReplayTarge
 from dctorque_can.offline.simulated_car import SimulatedDrive, write_log
 from dctorque_can.resources import shipped_config
 
-from ..signed_speeds import OVERRIDES
-
 
 def run(paths: list[Path], config: Config, output: Path, content: ReplayContent | None = None) -> ReplayResult:
     logs = [open_log(path) for path in paths]
@@ -83,7 +81,7 @@ def test_a_cut_off_log_is_used_as_far_as_it_goes(log: Path, config: Config, tmp_
 def test_smoothed_estimates_are_in_everything_that_is_written(log: Path, config: Config, tmp_path: Path) -> None:
     """Rows at the times of the online ones, less wrong and surer; the same frames, signals and health."""
     content = ReplayContent(frames=True, signals=True, truth=True)
-    config = load_config(shipped_config("paper_car"), OVERRIDES)
+    config = load_config(shipped_config("paper_car"))
     online = run([log], config, tmp_path / "online.mcap", content)
     result = run([log], config, tmp_path / "smoothed.mcap", replace(content, smooth=True))
     assert (online.smoothed, result.smoothed) == (False, True)

@@ -259,7 +259,6 @@ def _advance(
     f: Any, tables: Tables, tuning: Any, model: int, step: int, q: arithmetic.Noises, T_en: float
 ) -> None:
     """Carry state and covariance one step on, with q of `process_noise`."""
-    tape.predicted(f, model, step)
     arithmetic.carry_on(f, tables.steps[model, step], T_en, q)
     if not tuning.spins_freely:
         losses.take_spin_losses(f, tuning, tables.steps[model, step])
@@ -267,6 +266,7 @@ def _advance(
     for i in range(N):
         f.rate[i] = (f.next[i] - f.x[i]) * per_s
         f.x[i] = f.next[i]
+    tape.predicted(f, model, step)
 
 
 @compiled_without_allocation

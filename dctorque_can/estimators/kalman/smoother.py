@@ -8,6 +8,9 @@ smoother of Bryson and Frazier in Bierman's form, which inverts no covariance an
     prediction by F:             Λ ← Fᵀ Λ F        λ ← Fᵀ λ
     x_i replaced:                row and column i of Λ, and λ_i, become zero
 
+Errors that last (`lasting`) are in what comes later too. By each of them λ is another one, as if a were the
+innovation; so it is known how far the correction P λ is to be trusted (`weigh`).
+
 A. E. Bryson and M. Frazier, "Smoothing for linear and nonlinear dynamic systems", Proc. Optimum System Synthesis
 Conference, Wright-Patterson AFB, ASD-TDR-63-119 (1963), 353-364. G. J. Bierman, "Fixed interval smoothing with
 discrete measurements", International Journal of Control 18 (1973), 65-75.
@@ -23,7 +26,9 @@ from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.kalman.model import GAIN, N, Tables
-from dctorque_can.estimators.kalman.tape import FORGET, MEASURE, PREDICT
+from dctorque_can.estimators.kalman.tape import ERRORS, FORGET, MEASURE, PREDICT
+
+_LEAST_WEIGHT = 0.001  # of a correction: a smoothed estimate can be told from one that is as online
 
 ADJOINT = np.dtype(
     [
@@ -31,6 +36,9 @@ ADJOINT = np.dtype(
         ("Lam", "f8", (N, N)),  # Λ
         ("scratch", "f8", (N, N)),
         ("v", "f8", (N,)),
+        ("lasting", "f8", (N, ERRORS)),  # λ of what each lasting error adds to the innovations
+        ("next", "f8", (N, ERRORS)),
+        ("shift", "f8", (3, ERRORS)),  # by which each lasting error moves an estimate that is smoothed
     ],
     align=True,
 )
@@ -74,6 +82,8 @@ def undo(tape: Any, a: Any, tables: Tables, n: int) -> None:
         a.lam[i] = 0.0
         for k in range(N):
             a.Lam[i, k] = a.Lam[k, i] = 0.0
+        for p in range(ERRORS):
+            a.lasting[i, p] = 0.0
     else:
         clear(a)
 
@@ -85,6 +95,8 @@ def clear(a: Any) -> None:
         a.lam[i] = 0.0
         for k in range(N):
             a.Lam[i, k] = 0.0
+        for p in range(ERRORS):
+            a.lasting[i, p] = 0.0
 
 
 @compiled_without_allocation
@@ -105,6 +117,11 @@ def undo_measurement(tape: Any, a: Any, n: int) -> None:
         if k != i:
             a.Lam[i, k] -= a.v[k]
             a.Lam[k, i] = a.Lam[i, k]
+    for p in range(ERRORS):
+        along = tape.adds[n, p] / S
+        for k in range(N):
+            along += tape.K[n, k] * a.lasting[k, p]
+        a.lasting[i, p] -= along
 
 
 @compiled_without_allocation
@@ -131,6 +148,7 @@ def undo_prediction(tape: Any, a: Any, tables: Tables, n: int) -> None:
                 a.scratch[GAIN + m, j] += a.Lam[i, j] * factor
     for i in range(N):
         a.lam[i] = a.v[i]
+    undo_prediction_of_errors(tape, a, step, n)
     for i in range(N):
         for j in range(N):
             a.v[j] = 0.0
@@ -144,9 +162,28 @@ def undo_prediction(tape: Any, a: Any, tables: Tables, n: int) -> None:
 
 
 @compiled_without_allocation
+def undo_prediction_of_errors(tape: Any, a: Any, step: Any, n: int) -> None:
+    """λ ← Fᵀ λ for each lasting error."""
+    for k in range(N):
+        for p in range(ERRORS):
+            a.next[k, p] = 0.0
+        for i in range(N):
+            factor = step.phi[i, k]
+            if k >= GAIN:
+                factor += step.input[i] * tape.per_error[n, k - GAIN]
+            if factor != 0.0:
+                for p in range(ERRORS):
+                    a.next[k, p] += factor * a.lasting[i, p]
+    for k in range(N):
+        for p in range(ERRORS):
+            a.lasting[k, p] = a.next[k, p]
+
+
+@compiled_without_allocation
 def smooth(tape: Any, a: Any, row: int, out: Any) -> None:
     """Write the smoothed estimate; if it is no number, nothing more is known from later."""
     finite = True
+    weights, variances = (0.0, 0.0), (0.0, 0.0)
     for i in range(3):
         shift, gain = 0.0, 0.0
         for k in range(N):
@@ -155,22 +192,63 @@ def smooth(tape: Any, a: Any, row: int, out: Any) -> None:
                 total += a.Lam[k, m] * tape.MP[row, i, m]
             shift += tape.MP[row, i, k] * a.lam[k]
             gain += tape.MP[row, i, k] * total
-        sigma = tape.sigma[row, i]
-        out.torque[i] = tape.torque[row, i] - shift
-        out.sigma[i] = math.sqrt(max(sigma * sigma - gain, 0.0))
+        weight, change = weigh(tape, a, row, i, gain)
+        variance = tape.sigma[row, i] ** 2
+        out.torque[i] = tape.torque[row, i] - weight * shift
+        out.sigma[i] = math.sqrt(max(variance + min(change, 0.0), 0.0))
         finite = finite and math.isfinite(shift) and math.isfinite(gain)
-    shared = 0.0
-    for k in range(N):
-        for m in range(N):
-            shared += tape.MP[row, 0, k] * a.Lam[k, m] * tape.MP[row, 1, m]
-    out.correlation = tape.correlation[row]
-    if shared != 0.0:  # else nothing that comes later tells of both, and the very number stays
-        joint = tape.correlation[row] * tape.sigma[row, 0] * tape.sigma[row, 1] - shared
-        product = out.sigma[0] * out.sigma[1]
-        out.correlation = min(max(joint / product, -1.0), 1.0) if product > 0.0 else 0.0
+        if i == 0:
+            weights, variances = (weight, 0.0), (variance + change, 0.0)
+        elif i == 1:
+            weights, variances = (weights[0], weight), (variances[0], variance + change)
+    out.correlation = correlate(tape, a, row, weights, variances)
     for i in range(2):
         if tape.neutral[row, i]:
             out.sigma[i], out.correlation = tape.sigma[row, i], 0.0
     if not finite:
         out.torque[0] = math.nan
         clear(a)
+
+
+@compiled_without_allocation
+def weigh(tape: Any, a: Any, row: int, i: int, gain: float) -> tuple[float, float]:
+    """Return how much of the correction of torque i is worth taking, and how its variance changes by it.
+
+    By the model alone the correction takes ``gain`` from the variance. Errors that last are in it, too: of one
+    standard deviation each moves the estimate by s, and the correction moves it by d. The weight w makes
+
+        (1 − w)² gain + Σ (s − w d)²
+
+    the least. Also returned is by how much the variance then differs from the filter's, which has no lasting error
+    but the drags'.
+    """
+    gain = max(gain, 0.0)
+    worth, all_of_it, lasting = gain, gain, 0.0
+    for p in range(ERRORS):
+        d, s = 0.0, tape.lasting[row, i, p]
+        for k in range(N):
+            d += tape.MP[row, i, k] * a.lasting[k, p]
+        a.shift[i, p] = d
+        worth += s * d
+        all_of_it += d * d
+        lasting += s * s
+    weight = min(max(worth / all_of_it, _LEAST_WEIGHT), 1.0) if all_of_it > 0.0 else 1.0
+    return weight, lasting - 2.0 * weight * worth + weight * weight * all_of_it
+
+
+@compiled_without_allocation
+def correlate(tape: Any, a: Any, row: int, weights: tuple[float, float], variances: tuple[float, float]) -> float:
+    """Return the correlation of both clutches' errors."""
+    shared, lasting = 0.0, 0.0
+    for k in range(N):
+        for m in range(N):
+            shared += tape.MP[row, 0, k] * a.Lam[k, m] * tape.MP[row, 1, m]
+    for p in range(ERRORS):
+        s_1, s_2 = tape.lasting[row, 0, p], tape.lasting[row, 1, p]
+        lasting += (s_1 - weights[0] * a.shift[0, p]) * (s_2 - weights[1] * a.shift[1, p])
+    if shared == 0.0:  # nothing that comes later tells of both: the very number stays
+        return float(tape.correlation[row])
+    joint = tape.correlation[row] * tape.sigma[row, 0] * tape.sigma[row, 1] + lasting
+    joint -= (1.0 - (1.0 - weights[0]) * (1.0 - weights[1])) * shared
+    product = math.sqrt(max(variances[0], 0.0) * max(variances[1], 0.0))
+    return min(max(joint / product, -1.0), 1.0) if product > 0.0 else 0.0

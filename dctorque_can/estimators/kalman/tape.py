@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.estimators.kalman.model import T_C1, W_C1, W_D, N, Tables
+from dctorque_can.estimators.kalman.model import T_C1, TH_O, TH_T1, TH_T2, W_B, W_C1, W_D, W_E, N, Tables
 
 OPERATIONS = 4096
 ROWS = 512
+ERRORS = 9  # that last (`lasting`)
 PREDICT, MEASURE, FORGET, START = range(4)
 
 TAPE = np.dtype(
@@ -27,20 +28,26 @@ TAPE = np.dtype(
         ("what", "i8", (OPERATIONS,)),  # PREDICT, …
         ("which", "i8", (OPERATIONS, 2)),  # model and step of a prediction; state that was measured or forgotten
         ("per_error", "f8", (OPERATIONS, 3)),  # of `filter.FILTER`, in a prediction
+        ("rate", "f8", (OPERATIONS, 5)),  # of `RATES`, in it: by these errors that last act
         ("times", "i8", (OPERATIONS,)),  # that the same prediction was made in a row
         ("S", "f8", (OPERATIONS,)),  # variance of the innovation
         ("e", "f8", (OPERATIONS,)),  # innovation
         ("K", "f8", (OPERATIONS, N)),  # gain
+        ("turns", "f8", (OPERATIONS,)),  # rate of what was measured, by which its age acts
+        ("adds", "f8", (OPERATIONS, ERRORS)),  # what each adds to the innovation (`lasting`)
         ("after", "i8", (ROWS,)),  # operations before an estimate was published
         ("torque", "f8", (ROWS, 3)),  # N·m: clutches and output shaft, as the filter has them
         ("sigma", "f8", (ROWS, 3)),
         ("correlation", "f8", (ROWS,)),
         ("MP", "f8", (ROWS, 3, N)),  # M P, where M gives the torques from the state
+        ("lasting", "f8", (ROWS, 3, ERRORS)),  # what each lasting error did to the estimate (`lasting`)
         ("neutral", "u1", (ROWS, 2)),  # the clutch has its drag alone, with a standard deviation that was set
     ],
     align=True,
 )
 """Operations and estimates in order."""
+
+RATES = np.array([W_E, W_B, TH_T1, TH_T2, TH_O], np.uint8)
 
 
 def rewind(tape: NDArray[np.void], on: bool) -> None:
@@ -65,7 +72,7 @@ def _next(tape: Any, what: int) -> int:
 
 @compiled_without_allocation
 def predicted(f: Any, model: int, step: int) -> None:
-    """Write that the state went one step on."""
+    """Write that the state has gone one step on."""
     tape = f.tape
     last = tape.operations - 1
     if tape.on and last >= 0 and (tape.rows == 0 or tape.after[tape.rows - 1] <= last):
@@ -80,6 +87,8 @@ def predicted(f: Any, model: int, step: int) -> None:
         tape.which[n, 0], tape.which[n, 1], tape.times[n] = model, step, 1
         for m in range(3):
             tape.per_error[n, m] = f.per_error[m]
+        for k in range(len(RATES)):
+            tape.rate[n, k] = f.rate[RATES[k]]
 
 
 @compiled_without_allocation
@@ -88,6 +97,7 @@ def measured(f: Any, i: int, S: float, e: float) -> None:
     n = _next(f.tape, MEASURE)
     if n >= 0:
         f.tape.which[n, 0], f.tape.S[n], f.tape.e[n] = i, S, e
+        f.tape.turns[n] = f.rate[i]
         for k in range(N):
             f.tape.K[n, k] = f.K[k]
 

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from dctorque_can.driveline.parameters import AIR_DENSITY, GEARS, STANDARD_GRAVITY, Vehicle
 from dctorque_can.estimators.kalman.design import KalmanDesign
+from dctorque_can.estimators.kalman.lasting import deviations
 from dctorque_can.estimators.kalman.model import GAIN_SHARE, arms, lasting_errors, tyre_damping
+from dctorque_can.estimators.kalman.tape import ERRORS
 
 LEAST_NOISE = 0.25  # of a configured variance, beside its resolution: sensors may have half the noise
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
@@ -52,6 +54,7 @@ TUNING = np.dtype(
         ("engine_lag", "f8"),  # s, of the engine behind its nominal torque
         ("engine_delay", "f8"),  # rad/s per N·m, what a change that comes late does to the engine speed
         ("parameter_error", "f8"),  # relative, of mass, inertias and stiffnesses
+        ("lasting", "f8", (ERRORS,)),  # standard deviations of `lasting`
         ("acceleration_error", "f8"),  # m/s²
         ("grade_error", "f8"),  # rad
         ("command_share", "f8"),  # relative error of a clutch command; NaN: not used
@@ -122,6 +125,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["engine_lag"] = design.engine_torque_lag_s
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
     t["parameter_error"] = design.parameter_error_share
+    t["lasting"] = deviations(design)
     t["acceleration_error"] = design.acceleration_error_m_s2
     t["grade_error"] = design.grade_error_rad
     t["command_share"] = np.nan if design.command_error_share is None else design.command_error_share
