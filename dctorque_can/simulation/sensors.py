@@ -216,7 +216,10 @@ class FrameEmitter:
             if name not in COLUMNS:
                 raise DctorqueError(f"no sensors for message {name}; there are {', '.join(COLUMNS)}")
             if name not in known:
-                raise DctorqueError(f"the DBC has no message {name}; the simulated car sends demo_car.dbc")
+                raise DctorqueError(
+                    f"no DBC of the vehicle file has a message {name}; the simulated car sends demo_car.dbc, with "
+                    "profile one_gear demo_car_one_gear.dbc, with more also demo_car_more.dbc: name it in databases"
+                )
             if not 0 <= timing.jitter_us < timing.period_us:
                 raise DctorqueError(
                     f"message {name}: jitter {timing.jitter_us} µs must be within 0 and its period"
