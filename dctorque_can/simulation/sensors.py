@@ -218,7 +218,7 @@ class FrameEmitter:
             if name not in known:
                 raise DctorqueError(
                     f"no DBC of the vehicle file has a message {name}; the simulated car sends demo_car.dbc, with "
-                    "profile one_gear demo_car_one_gear.dbc, with more also demo_car_more.dbc: name it in databases"
+                    "profile one_gear demo_car_one_gear.dbc, with more demo_car_more.dbc too: name it in databases"
                 )
             if not 0 <= timing.jitter_us < timing.period_us:
                 raise DctorqueError(
