@@ -6,12 +6,16 @@ nobody tests yesterday's copy by accident, an installed copy that differs from t
 
 import os
 import shutil
+import signal
 import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell's background job, with all that tests start
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 CACHE_LIFETIME_S = 24 * 3600.0
