@@ -118,7 +118,8 @@ def test_columns_that_make_no_history_are_refused(t_us, slip, position, message)
 def pipeline_history(t_us, w_e, w_c, position):
     """Decide both clutches' phases frame by frame with the pipeline's own function and rules filled in by hand."""
     core, inputs, rules = np.zeros(1, CORE), np.zeros(1, INPUTS), np.zeros(1, RULES)
-    inputs["closed"], core["slip_small_us"] = True, NEVER
+    inputs["closed"], inputs["called"], core["slip_small_us"] = True, 1, NEVER
+    inputs["phases_believed"] = True
     rules["closing_sign"], rules["closed_above"], rules["open_below"] = 1.0, 3.2, 2.8
     rules["slip_locked"], rules["slip_released"], rules["lock_time_us"] = 2.0, 5.0, 50_000
     phases = np.zeros((2, len(t_us)), np.uint8)

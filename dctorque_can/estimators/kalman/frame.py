@@ -34,16 +34,21 @@ from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
 from dctorque_can.estimators.kalman.filter import Kalman, measure
 from dctorque_can.estimators.kalman.learning import noise_factor
-from dctorque_can.estimators.kalman.model import DT_E, GAIN, W_B, W_C1, W_D, W_E, W_W, N
+from dctorque_can.estimators.kalman.model import DT_E, GAIN, T_C1, W_B, W_C1, W_D, W_E, W_W, N
 from dctorque_can.estimators.kalman.noise import engine_variance
 from dctorque_can.estimators.kalman.thresholds import BRIDGED_US, FASTEST_WHEEL, FIRES, IMPLAUSIBLE_TORQUE
+from dctorque_can.estimators.kalman.tuning import SLIDING
 from dctorque_can.estimators.kalman.wheels import measure_axle, measure_either_way, stand_in_for_undriven
 from dctorque_can.pipeline.samples import Signs
 
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
 _REAR_WHEEL = WHEEL + 2
 _SLOW = 2.0  # rad/s at the wheel, below which a shaft winds up or rings the other way than the car goes
-_CLEAR = 2.0  # logarithm of the odds of a sign that is clear
+_PUSHED = 6.0  # logarithm of the odds that a shaft winds up the way its sliding clutch pushes it
+_PULLED, _PULLED_NM = (
+    3.0,
+    2.0,
+)  # σ, and N·m on top, by which no clutch pulls against its friction
 _SIGNED = int(Signs.SIGNED)
 _OPEN = int(ClutchPhase.OPEN)
 _NONE, _SPIKE, _STUCK, _BIASED, _MISSING = (int(fault) for fault in SensorFault)
@@ -311,15 +316,28 @@ def measure_speed(
 def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int) -> None:
     """Take a new speed without sign of a shaft that winds up, or rings, while the car stands or nearly does.
 
-    It has the sign that is predicted, if that is clear. Zero may be one that the sensor does not see.
+    It may have either sign, by how likely prediction and friction of a sliding clutch make them: mean and covariance
+    become those of both outcomes together. A torque against the friction shows that the signs were wrong.
     """
     if not inputs.fresh[quantity]:
         return
     z, x = abs(inputs.value[quantity]), f.x[state]
     variance = tuning.speed_variance[sensor] * noise_factor(f, tuning, sensor)
-    S = f.P[state, state] + variance
-    if 2.0 * abs(x) * z > _CLEAR * S and (z - abs(x)) ** 2 <= tuning.gate * S:
-        measure(f, state, math.copysign(z, x), variance)
+    S = max(f.P[state, state] + variance, (z - abs(x)) ** 2 / tuning.gate)
+    i, odds, slip = state - W_C1, 2.0 * x * z / S, f.x[W_D] - x
+    pushed = bool(inputs.closed[i]) and abs(slip) > SLIDING
+    if pushed:
+        odds += math.copysign(_PUSHED, slip)
+        torque = math.copysign(1.0, slip) * f.x[T_C1 + i]
+        if torque < -_PULLED * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0)) - _PULLED_NM:
+            gearbox.begin_shaft_anew(f, tuning, i, math.copysign(z, slip), variance)
+            return
+    mean = z * math.tanh(0.5 * odds)
+    measure(f, state, mean, S - f.P[state, state])
+    spread = (z - mean) * (z + mean)
+    for i in range(N):
+        for j in range(N):
+            f.P[i, j] += spread * f.K[i] * f.K[j]
 
 
 @compiled_without_allocation

@@ -13,20 +13,26 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators.kalman.faults import SOONEST
 from dctorque_can.estimators.kalman.filter import forget, measure, measure_open
 from dctorque_can.estimators.kalman.model import (
+    DT_E,
     OUTPUT,
     R_1,
     T_C1,
     T_C2,
+    T_V,
+    T_X,
+    TH_O,
     TH_T1,
     W_C1,
     W_D,
     W_O,
     Tables,
 )
+from dctorque_can.estimators.kalman.noise import engine_variance
 
 _OPEN, _SLIPPING, _LOCKED = (int(phase) for phase in ClutchPhase)
 _NEUTRAL_TRUST = 100.0  # variances: so weakly that it only keeps a synchroniser's torque from running away
 _ROLLING = 4.0  # rad/s/√s at the wheel by which a car may be faster or slower than its speeds let one think
+_ANY_TWIST, _ANY_LOAD, _ANY_TORQUE = 0.05, 2000.0, 200.0  # rad and N·m, as at a start
 _TURNED = 0.1  # (rad/s)², variance at the wheel of speeds that have been turned round
 
 
@@ -81,6 +87,19 @@ def turn_round(f: Any, tuning: Any) -> None:
             forget(f, i, -f.x[i], share * share * _TURNED)
     for sensor in range(1, len(f.accepted)):  # shafts and wheels
         f.accepted[sensor] = math.nan
+
+
+@compiled_without_allocation
+def begin_shaft_anew(f: Any, tuning: Any, i: int, speed: float, variance: float) -> None:
+    """Let a shaft in gear turn as it is told after all, behind a driveline of which nothing else is known."""
+    forget(f, W_C1 + i, speed, variance)
+    forget(f, TH_T1 + i, 0.0, _ANY_TWIST**2)
+    forget(f, TH_O, 0.0, _ANY_TWIST**2)
+    forget(f, T_X, 0.0, _ANY_LOAD**2)
+    forget(f, T_V, 0.0, _ANY_LOAD**2)
+    forget(f, T_C1 + i, 0.0, _ANY_TORQUE**2)
+    forget(f, R_1 + i, 0.0, tuning.sliding_rate**2)
+    forget(f, DT_E, 0.0, engine_variance(tuning, f.T_en))
 
 
 @compiled_without_allocation
