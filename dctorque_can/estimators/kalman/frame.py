@@ -316,8 +316,8 @@ def measure_speed(
 def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int) -> None:
     """Take a new speed without sign of a shaft that winds up, or rings, while the car stands or nearly does.
 
-    It may have either sign, by how likely prediction and friction of a sliding clutch make them: mean and covariance
-    become those of both outcomes together. A torque against the friction shows that the signs were wrong.
+    It may have either sign, by how likely prediction and friction of a sliding clutch make them: mean and
+    covariance become those of both outcomes together. A torque against the friction shows that they were wrong.
     """
     if not inputs.fresh[quantity]:
         return
@@ -334,10 +334,10 @@ def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: i
             return
     mean = z * math.tanh(0.5 * odds)
     measure(f, state, mean, S - f.P[state, state])
-    spread = (z - mean) * (z + mean)
-    for i in range(N):
-        for j in range(N):
-            f.P[i, j] += spread * f.K[i] * f.K[j]
+    spread = math.sqrt((z - mean) * (z + mean))
+    for m in range(N):
+        for n in range(N):
+            f.P[m, n] += (spread * f.K[m]) * (spread * f.K[n])  # as symmetric as before, to the last bit
 
 
 @compiled_without_allocation
