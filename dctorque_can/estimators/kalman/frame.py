@@ -44,7 +44,7 @@ from dctorque_can.pipeline.samples import Signs
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
 _REAR_WHEEL = WHEEL + 2
 _SLOW = 2.0  # rad/s at the wheel, below which a shaft winds up or rings the other way than the car goes
-_PUSHED = 6.0  # logarithm of the odds that a shaft winds up the way its sliding clutch pushes it
+_CLEAR = 2.0  # logarithm of the odds of a sign that is clear
 _PULLED, _PULLED_NM = (
     3.0,
     2.0,
@@ -316,28 +316,21 @@ def measure_speed(
 def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int) -> None:
     """Take a new speed without sign of a shaft that winds up, or rings, while the car stands or nearly does.
 
-    It may have either sign, by how likely prediction and friction of a sliding clutch make them: mean and
-    covariance become those of both outcomes together. A torque against the friction shows that they were wrong.
+    It has the sign that is predicted, if that is clear. Zero may be one that the sensor does not see. A torque
+    against the friction of a clutch that slides shows that the signs were wrong.
     """
     if not inputs.fresh[quantity]:
         return
-    z, x = abs(inputs.value[quantity]), f.x[state]
+    z, x, i = abs(inputs.value[quantity]), f.x[state], state - W_C1
     variance = tuning.speed_variance[sensor] * noise_factor(f, tuning, sensor)
-    S = max(f.P[state, state] + variance, (z - abs(x)) ** 2 / tuning.gate)
-    i, odds, slip = state - W_C1, 2.0 * x * z / S, f.x[W_D] - x
-    pushed = bool(inputs.closed[i]) and abs(slip) > SLIDING
-    if pushed:
-        odds += math.copysign(_PUSHED, slip)
+    S, slip = f.P[state, state] + variance, f.x[W_D] - x
+    if inputs.closed[i] and abs(slip) > SLIDING:
         torque = math.copysign(1.0, slip) * f.x[T_C1 + i]
         if torque < -_PULLED * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0)) - _PULLED_NM:
             gearbox.begin_shaft_anew(f, tuning, i, math.copysign(z, slip), variance)
             return
-    mean = z * math.tanh(0.5 * odds)
-    measure(f, state, mean, S - f.P[state, state])
-    spread = math.sqrt((z - mean) * (z + mean))
-    for m in range(N):
-        for n in range(N):
-            f.P[m, n] += (spread * f.K[m]) * (spread * f.K[n])  # as symmetric as before, to the last bit
+    if 2.0 * abs(x) * z > _CLEAR * S and (z - abs(x)) ** 2 <= tuning.gate * S:
+        measure(f, state, math.copysign(z, x), variance)
 
 
 @compiled_without_allocation
