@@ -14,6 +14,7 @@ import can
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.late_asammdf import give_asammdf
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.logs.text.line_source import LineSource
 from dctorque_can.logs.text.lines import Lines, each_message, warnings_of
 from dctorque_can.logs.text.unzip import text_of
 from dctorque_can.pipeline.frames import Frames
@@ -90,7 +91,7 @@ class PythonCanFrames:
             self._reader.stop()
 
 
-class PythonCanTextFrames:
+class PythonCanTextFrames(LineSource):
     """The frames of a TRC or CSV file by the readers of python-can; bad lines are counted and left out.
 
     Attributes:
@@ -98,28 +99,10 @@ class PythonCanTextFrames:
     """
 
     def __init__(self, path: Path, suffix: str) -> None:
-        self.path = path
-        self.documents: dict[str, bytes] = {}
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.unread: list[str] = []
-        self.start_us: int | None = None
-        self.fraction = 0.0
+        super().__init__(path)
         self._suffix = suffix
         self._numbers = ChannelNumbers()
-        self._bad_lines = 0
-        self._first_bad_line = ""
         self._last_bad_line = 0
-        self._problems: list[str] = []
-
-    @property
-    def problems(self) -> list[str]:
-        """What could not be read, one line each; complete when the frames have been read."""
-        if not self._bad_lines:
-            return self._problems
-        return [
-            f"{self.path}: {self._bad_lines} lines can not be read, the first is {self._first_bad_line}",
-            *self._problems,
-        ]
 
     def frames(self) -> Iterator[Frames]:
         """Yield the frames in batches."""
@@ -132,22 +115,11 @@ class PythonCanTextFrames:
                 yield from _batches(self.path, messages, self._numbers, self._problems)
         self.fraction = 1.0
 
-    def close(self) -> None:
-        """Nothing stays open."""
-
-    def _note_share(self, share: float) -> None:
-        self.fraction = share
-
-    def _note_problem(self, problem: str) -> None:
-        self._problems.append(f"{self.path}: {problem}")
-
     def _count_bad_line(self, lines: Lines) -> None:
         if lines.count == self._last_bad_line:
             return
         self._last_bad_line = lines.count
-        if not self._bad_lines:
-            self._first_bad_line = f"line {lines.count}: {lines.last.strip()[:60]!r}"
-        self._bad_lines += 1
+        self._count_bad_lines(1, lines.count, lines.last)
 
 
 def _batches(

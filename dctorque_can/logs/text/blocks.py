@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.formats import BOM
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.logs.text.line_source import LineSource
 from dctorque_can.logs.text.scan import END_OF_BLOCK, LONGEST_NAME, NEW_CHANNEL, NO_ROOM, lines_end
 from dctorque_can.logs.text.unzip import pieces
 from dctorque_can.pipeline.frames import Frames
@@ -86,7 +87,7 @@ class LineFormat(Protocol):
         """Tell whether a last line without a line end was cut off."""
 
 
-class TextFrames:
+class TextFrames(LineSource):
     """The frames of a text log.
 
     Attributes:
@@ -95,34 +96,17 @@ class TextFrames:
     """
 
     def __init__(self, path: Path, line_format: LineFormat) -> None:
-        self.path = path
-        self.documents: dict[str, bytes] = {}
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.unread: list[str] = []
-        self.start_us = line_format.start_us
-        self.fraction = 0.0
+        super().__init__(path, line_format.start_us)
         self._format = line_format
         self._channels = ChannelNumbers()
         self._names = np.zeros((0, LONGEST_NAME), np.uint8)
         self._numbers = np.zeros(0, np.uint8)
         self._line = 1
-        self._bad_lines = 0
-        self._first_bad_line = ""
-        self._problems: list[str] = []
 
     @property
     def problems(self) -> list[str]:
         """What could not be read, one line each; complete when the frames have been read."""
-        problems = [*(f"{self.path}: {warning}" for warning in self._format.warnings), *self._problems]
-        if not self._bad_lines:
-            return problems
-        return [
-            f"{self.path}: {self._bad_lines} lines can not be read, the first is {self._first_bad_line}",
-            *problems,
-        ]
-
-    def close(self) -> None:
-        """Nothing stays open."""
+        return [*super().problems, *(f"{self.path}: {warning}" for warning in self._format.warnings)]
 
     def frames(self) -> Iterator[Frames]:
         """Yield the frames block by block."""
@@ -180,7 +164,7 @@ class TextFrames:
         def read(share: float) -> None:
             self.fraction = share
 
-        return pieces(self.path, read, lambda problem: self._problems.append(f"{self.path}: {problem}"))
+        return pieces(self.path, read, self._note_problem)
 
     def _parse(self, block: bytes) -> Iterator[Frames]:
         data = np.frombuffer(block, np.uint8)
@@ -236,8 +220,3 @@ class TextFrames:
             before = 0 if self._bad_lines else block.count(b"\n", 0, position) + text.split(bad[0])[0].count("\n")
             self._count_bad_lines(len(bad), self._line + before, bad[0])
         return frames_from_messages(messages, self._channels)
-
-    def _count_bad_lines(self, count: int, number: int, first: str) -> None:
-        if not self._bad_lines:
-            self._first_bad_line = f"line {number}: {first.strip()[:60]!r}"
-        self._bad_lines += count

@@ -12,6 +12,7 @@ import can
 
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.logs.text.csv_dialect import CsvDialect
+from dctorque_can.logs.text.line_source import LineSource
 from dctorque_can.logs.text.unzip import text_of
 from dctorque_can.pipeline.frames import Frames
 
@@ -24,7 +25,7 @@ _FD_TYPES = ("FD", "FB", "FE", "BI")
 _SCALES = ((1e11, 1.0), (1e14, 1e-3), (1e17, 1e-6))  # numbers below are times since 1970 in s, ms, µs
 
 
-class CsvFrames:
+class CsvFrames(LineSource):
     """The frames of a CSV; bad lines are counted and left out.
 
     Attributes:
@@ -32,27 +33,9 @@ class CsvFrames:
     """
 
     def __init__(self, path: Path, dialect: CsvDialect) -> None:
-        self.path = path
-        self.documents: dict[str, bytes] = {}
-        self.metadata: dict[str, dict[str, str]] = {}
-        self.unread: list[str] = []
-        self.start_us: int | None = None
-        self.fraction = 0.0
+        super().__init__(path)
         self._dialect = dialect
         self._numbers = ChannelNumbers()
-        self._bad_lines = 0
-        self._first_bad_line = ""
-        self._problems: list[str] = []
-
-    @property
-    def problems(self) -> list[str]:
-        """What could not be read, one line each; complete when the frames have been read."""
-        if not self._bad_lines:
-            return self._problems
-        return [
-            f"{self.path}: {self._bad_lines} lines can not be read, the first is {self._first_bad_line}",
-            *self._problems,
-        ]
 
     def frames(self) -> Iterator[Frames]:
         """Yield the frames in batches."""
@@ -67,15 +50,6 @@ class CsvFrames:
                 yield frames_from_messages(batch, self._numbers)
         self.fraction = 1.0
 
-    def _note_share(self, share: float) -> None:
-        self.fraction = share
-
-    def _note_problem(self, problem: str) -> None:
-        self._problems.append(f"{self.path}: {problem}")
-
-    def close(self) -> None:
-        """Nothing stays open."""
-
     def _messages(self, text: TextIO) -> Iterator[can.Message]:
         number = 0
         while True:
@@ -88,9 +62,7 @@ class CsvFrames:
             try:
                 message = self._message(line)
             except (ValueError, IndexError, OverflowError):
-                if not self._bad_lines:
-                    self._first_bad_line = f"line {number}: {line.strip()[:60]!r}"
-                self._bad_lines += 1
+                self._count_bad_lines(1, number, line)
                 continue
             if message is not None:
                 yield message
