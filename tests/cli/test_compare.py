@@ -143,12 +143,7 @@ def test_more_variants_and_seeds(dctorque) -> None:
     assert variants["kalman"]["all"] != variants["oh2014"]["all"]
 
 
-EXACT = (  # the simulated car is that of the file
-    "--set",
-    "estimator.kalman.parameter_error_share=0",
-    "--set",
-    "estimator.kalman.touch_torque_nm=0",
-)
+EXACT = ("--set", "estimator.kalman.parameter_error_share=0")  # the simulated car is that of the file
 
 
 def test_the_smoother_as_third(dctorque) -> None:

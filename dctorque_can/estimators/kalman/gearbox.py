@@ -45,8 +45,7 @@ def apply_phases(f: Any, tuning: Any, open_1: bool, open_2: bool) -> None:
         elif open_1 if i == 0 else open_2:
             slip = f.x[W_D] - f.x[W_C1 + i]
             lasting, rate = open_deviation(tuning, slip), tuning.rate[_OPEN]
-            variance = tuning.open_torque**2 + f.touch[i] ** 2
-            measure_open(f, i, tuning.drag[i] * slip, variance, lasting, rate**2)
+            measure_open(f, i, tuning.drag[i] * slip, tuning.open_torque**2, lasting, rate**2)
 
 
 @compiled_without_allocation
