@@ -58,6 +58,9 @@ def study(
     seed: Annotated[
         int | None, typer.Option("--seed", help="Instead of the one in the file.", show_default=False)
     ] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Of a catalogue: what smoothing makes of the estimates, too.")
+    ] = False,
     drives: Annotated[
         Path | None,
         typer.Option(
@@ -93,6 +96,8 @@ def study(
             vehicle=vehicle, drive=drive, profile=profile, duration_s=duration, seed=seed, runs=runs
         )
         path = find_study(file)
+        if smooth:
+            changes["smooth"] = True
         if is_catalogue(path):
             if "vehicle" in changes:
                 changes["vehicles"] = [changes.pop("vehicle")]
@@ -171,7 +176,11 @@ def _changes(vehicle: str | None, drive: str | None, **others: Any) -> dict[str,
 
 def _named(changes: dict[str, Any]) -> list[str]:
     """Return what tells the folder of a changed study from that of the study itself."""
-    words = {name: str(value) for name, value in changes.items() if value is not None and name != "runs"}
+    words = {
+        name: name if value is True else str(value)
+        for name, value in changes.items()
+        if value is not None and name != "runs"
+    }
     return [Path(word).stem if name == "vehicle" else word for name, word in sorted(words.items())]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from rich.console import Group
@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dctorque_can.report.torque_table import TORQUE_NAMES, table
+from dctorque_can.study.catalogue_smoothed import MOST_SHARE
 
 if TYPE_CHECKING:
     from dctorque_can.study.catalogue_summary import CatalogueSummary
@@ -39,7 +40,39 @@ def catalogue_tables(summary: CatalogueSummary) -> Group:
             e = figures.episode
             line += f"; draw {e['draw']} at {e['start_s']:.2f} s: {e['error_nm']:+.0f} N·m, σ {e['sigma_nm']:.1f}"
         parts.append(Text(line))
+    if summary.smoothing:
+        parts += [Text("Smoothed, all drives together", style="italic"), _smoothing(summary)]
+        parts += [Text(line) for line in _worse(summary)]
     return Group(*parts)
+
+
+def _smoothing(summary: CatalogueSummary) -> Table:
+    filled = table()
+    filled.add_column("", no_wrap=True)
+    for name in summary.smoothing:
+        filled.add_column(TORQUE_NAMES[name], justify="right", no_wrap=True)
+    found = list(summary.smoothing.values())
+    filled.add_row("RMS error over that online", *(_or_dash(s.share, ".2f") for s in found))
+    filled.add_row("… in the worst drive", *(_or_dash(s.worst, ".2f") for s in found))
+    more = f"drives more than {100 * (MOST_SHARE - 1):.0f} % worse"
+    filled.add_row(more, *(f"{s.worse} of {s.drives}" for s in found))
+    filled.add_row("95 % band, all, %", *(_or_dash(s.held and 100 * s.held, ".1f") for s in found))
+    filled.add_row("… least, %", *(_or_dash(s.held_least and 100 * s.held_least, ".1f") for s in found))
+    wrong = (f"{s.wrong_ms:.0f}, {s.wrong_online_ms:.0f}" for s in found)
+    filled.add_row("confidently wrong, smoothed and online, ms", *wrong)
+    return filled
+
+
+def _worse(summary: CatalogueSummary) -> Iterator[str]:
+    for name, found in summary.smoothing.items():
+        if found.worse and found.worst_case is not None:
+            case = found.worst_case
+            where = f"{case['vehicle']}, {case['drive']}, {case['signals']}, draw {case['draw']}"
+            yield f"worst of {TORQUE_NAMES[name]}: {where}"
+
+
+def _or_dash(value: float | None, form: str) -> str:
+    return "–" if value is None else format(value, form)
 
 
 def _vehicle(summary: CatalogueSummary, vehicle: str) -> Table:
@@ -66,4 +99,4 @@ def _vehicle(summary: CatalogueSummary, vehicle: str) -> Table:
 
 
 def _three(values: Iterable[float | None], form: str) -> str:
-    return " / ".join("–" if value is None else format(value, form) for value in values)
+    return " / ".join(_or_dash(value, form) for value in values)

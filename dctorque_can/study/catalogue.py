@@ -63,6 +63,8 @@ class CatalogueSection(Section):
     """How many cars are drawn for each drive; the same for every kind of signals."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Of the draws, of sensor noise and of mixed drives."""
+    smooth: bool = False
+    """Whether the estimates are smoothed too."""
     vary: Annotated[dict[Annotated[str, BeforeValidator(factor_name)], FactorSection], Field(min_length=1)]
     """What is varied, and how it is distributed."""
 

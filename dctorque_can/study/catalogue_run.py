@@ -40,6 +40,7 @@ class CatalogueSetup:
         profile: how the cars measure and send.
         seed: of the study.
         drives: folder in which simulated drives are kept, or None.
+        smooth: the estimates are smoothed too.
     """
 
     documents: Mapping[tuple[str, str], Mapping[str, bytes]]
@@ -48,6 +49,7 @@ class CatalogueSetup:
     profile: ProfileName
     seed: int
     drives: Path | None = None
+    smooth: bool = False
 
     @classmethod
     def of(cls, catalogue: Catalogue, drives: Path | None = None) -> CatalogueSetup:
@@ -60,6 +62,7 @@ class CatalogueSetup:
             profile=ProfileName(plan.profile),
             seed=plan.seed,
             drives=drives,
+            smooth=plan.smooth,
         )
 
     def bench(self) -> CatalogueBench:
@@ -77,26 +80,33 @@ class CatalogueBench:
     def warm_up(self) -> None:
         """Compile everything, or load it where it is compiled already."""
         config = next(iter(self._configs.values()))
-        Chain(config).warm_up()
+        chain = Chain(config, self._setup.smooth)
+        chain.warm_up()
         drive = drive_of(config, DriveName.PAPER, 0, 0.1)
         truth = simulate(config.settings.vehicle, drive)
         sensors = sensors_of(config, self._setup.profile, 0)
-        emit_frames(truth, config.settings.vehicle, sensors, config.database)
+        chain.feed(emit_frames(truth, config.settings.vehicle, sensors, config.database))
+        if self._setup.smooth:
+            chain.smoothed()
 
     def run(self, number: int, values: Mapping[str, float]) -> Record:
         """Return what the estimates of one case are worth, or why there are none.
 
-        ``torques`` has the fields of `analysis.honesty.Honesty` by torque.
+        ``torques`` has the fields of `analysis.honesty.Honesty` by torque; ``smoothed`` too, if it was asked for.
         """
         case = self._setup.cases[number]
         record: Record = {"run": number, "factors": dict(values), "case": asdict(case)}
         try:
             config = self._configs[case.vehicle, case.signals]
             frames, truth = self._driven(case, config, values)
-            chain = Chain(config)
+            chain = Chain(config, self._setup.smooth)
             parts = [chain.feed(frames[start : start + _BATCH]).rows for start in range(0, len(frames), _BATCH)]
             found = honesty(np.concatenate(parts), truth)
-            return record | {"torques": {name: asdict(one) for name, one in found.items()}}
+            record["torques"] = {name: asdict(one) for name, one in found.items()}
+            if self._setup.smooth:
+                after = honesty(chain.smoothed(), truth)
+                record["smoothed"] = {name: asdict(one) for name, one in after.items()}
+            return record
         except DctorqueError as error:
             return record | {"error": str(error)}
 

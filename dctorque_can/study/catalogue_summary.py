@@ -12,6 +12,7 @@ import numpy as np
 
 from dctorque_can.analysis.errors import TORQUES
 from dctorque_can.study.catalogue import Catalogue
+from dctorque_can.study.catalogue_smoothed import Smoothing, smoothing
 from dctorque_can.study.run import Record
 
 MOST_WRONG_MS = 50.0
@@ -68,12 +69,14 @@ class CatalogueSummary:
         rows: in the order of the study.
         pooled: by torque, the share of all valid estimates within the 95 % band; None when there are none.
         failed: run to its reason.
+        smoothing: by torque, what smoothing makes of the estimates; empty unless it was asked for.
     """
 
     catalogue: Catalogue
     rows: list[Row]
     pooled: dict[str, float | None]
     failed: dict[int, str]
+    smoothing: dict[str, Smoothing]
 
     def beyond(self) -> Iterator[tuple[Row, str]]:
         """Yield rows with the torques that ask for too much trust, see `TorqueFigures.asks_too_much`."""
@@ -96,6 +99,7 @@ class CatalogueSummary:
                 for row, name in self.beyond()
             ],
             "rows": [asdict(row) for row in self.rows],
+            "smoothing": {name: asdict(one) for name, one in self.smoothing.items()},
         }
 
     def write(self, path: Path) -> None:
@@ -119,7 +123,8 @@ def summarise_catalogue(catalogue: Catalogue, records: Mapping[int, Record]) -> 
         for names, found in grouped.items()
     ]
     good = [record for found in grouped.values() for record in found]
-    return CatalogueSummary(catalogue, rows, {name: _mean(name, "held", good) for name in TORQUES}, failed)
+    pooled = {name: _mean(name, "held", good) for name in TORQUES}
+    return CatalogueSummary(catalogue, rows, pooled, failed, smoothing(good))
 
 
 def _torque(name: str, records: Sequence[Record]) -> TorqueFigures:

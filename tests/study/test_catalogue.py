@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 
+from dctorque_can.analysis.honesty import honesty
 from dctorque_can.chain import Chain
 from dctorque_can.config.problems import ConfigError
 from dctorque_can.offline.simulated_car import DriveName, ProfileName, drive_of, sensors_of
@@ -19,6 +21,7 @@ from dctorque_can.simulation.drive import simulate
 from dctorque_can.simulation.sensors import emit_frames
 from dctorque_can.study.catalogue import load_catalogue
 from dctorque_can.study.catalogue_run import CatalogueSetup
+from dctorque_can.study.catalogue_smoothed import smoothing
 from dctorque_can.study.catalogue_summary import summarise_catalogue
 from dctorque_can.study.draw import noise_seed
 from dctorque_can.study.factors import Car, varied
@@ -172,8 +175,6 @@ def test_what_all_runs_say(write_catalogue) -> None:
     assert summary.pooled["clutch2_nm"] == pytest.approx((140 + 200) / 400)
     assert summary.pooled["output_nm"] is None
 
-    from rich.console import Console
-
     console = Console(width=CATALOGUE_WIDTH, record=True, file=None, quiet=False)
     with console.capture() as shown:
         console.print(catalogue_tables(summary))
@@ -184,3 +185,62 @@ def test_what_all_runs_say(write_catalogue) -> None:
     assert summary.as_json()["beyond"] == [
         {"vehicle": "paper_car", "drive": "creep", "signals": "signed", "torque": "clutch2_nm"}
     ]
+
+
+def smoothed_run(online: dict[str, Any], smoothed: dict[str, Any], drive: str = "creep") -> dict[str, Any]:
+    """Return a record of one run with the same figures for each torque."""
+    names = ("clutch1_nm", "clutch2_nm", "output_nm")
+    return {
+        "case": {"vehicle": "paper_car", "drive": drive, "signals": "signed", "draw": 0},
+        "torques": dict.fromkeys(names, online),
+        "smoothed": dict.fromkeys(names, smoothed),
+    }
+
+
+def test_figures_of_smoothing_by_hand() -> None:
+    """2 N·m become 1 over 150 rows, 4 become 5 over 50; an open clutch and one never valid have no share."""
+    records = [
+        smoothed_run(torque(150, 0.9, 8.0, 2.0), torque(150, 0.96, 0.0, 1.0)),
+        smoothed_run(torque(50, 0.8, 40.0, 4.0), torque(50, 0.92, 20.0, 5.0), "judder"),
+        smoothed_run(torque(200, 1.0, 0.0, 0.1), torque(200, 1.0, 0.0, 0.3)),
+        smoothed_run(torque(0, None, 0.0, None), torque(0, None, 0.0, None)),
+    ]
+    found = smoothing(records)["clutch2_nm"]
+    online = 150 * 2.0**2 + 50 * 4.0**2 + 200 * 0.1**2
+    assert found.share == pytest.approx(np.sqrt((150 * 1.0 + 50 * 25.0 + 200 * 0.09) / online))
+    assert (found.drives, found.worse, found.worst) == (2, 1, 1.25)
+    assert found.worst_case["drive"] == "judder"
+    assert found.held == pytest.approx((150 * 0.96 + 50 * 0.92 + 200) / 400)
+    assert (found.held_least, found.wrong_ms, found.wrong_online_ms) == (0.92, 20.0, 48.0)
+    never = smoothing(records[3:])["clutch2_nm"]
+    assert (never.share, never.worst, never.held, never.drives) == (None, None, None, 0)
+
+
+def test_a_run_is_smoothed_when_that_is_asked_for(write_catalogue) -> None:
+    """Its frames, smoothed here once more, give the same figures; online they are as without smoothing."""
+    signals = {"signed": {"set": {"databases.0.file": "../dbc/demo_car_signed.dbc"}}}
+    path = write_catalogue(drives=["creep"], runs=1, signals=signals)
+    catalogue = load_catalogue(path, changes={"smooth": True})
+    bench = CatalogueSetup.of(catalogue).bench()
+    ((number, case),) = catalogue.cases().items()
+    values = catalogue.values()[number]
+    record = bench.run(number, values)
+
+    plain = CatalogueSetup.of(load_catalogue(path)).bench().run(number, values)
+    assert "smoothed" not in plain
+    assert record["torques"] == plain["torques"]
+    config = catalogue.configs["paper_car", "signed"]
+    frames, truth = bench._driven(case, config, values)
+    chain = Chain(config, smooth=True)
+    chain.feed(frames)
+    for name, one in honesty(chain.smoothed(), truth).items():
+        assert record["smoothed"][name]["rms_nm"] == pytest.approx(one.rms_nm)
+        assert record["smoothed"][name]["held"] == pytest.approx(one.held)
+
+    summary = summarise_catalogue(catalogue, {number: record})
+    console = Console(width=CATALOGUE_WIDTH)
+    with console.capture() as shown:
+        console.print(catalogue_tables(summary))
+    assert f"{summary.smoothing['clutch1_nm'].share:.2f}" in shown.get()
+    assert "RMS error over that online" in shown.get()
+    assert summary.as_json()["smoothing"]["output_nm"]["drives"] == 1
