@@ -19,6 +19,8 @@ from dctorque_can.offline.truth_log import shifted, truth_path, write_truth
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
 from dctorque_can.simulation.manoeuvres import MANOEUVRES
+from dctorque_can.simulation.messages import COLUMNS
+from dctorque_can.simulation.own_bus import own_bus
 from dctorque_can.simulation.sensors import (
     INERTIAL,
     LABORATORY,
@@ -131,15 +133,15 @@ def simulate_car(
     progress: Callable[[float], None] = lambda fraction: None,
     unsigned: Unsigned = Unsigned.NONE,
 ) -> SimulatedDrive:
-    """Simulate a drive of the vehicle of ``config`` with the messages of demo_car.dbc.
+    """Simulate a drive of the vehicle of ``config``, see `frames_of`.
 
     Raises:
-        DctorqueError: the vehicle cannot be simulated, or its DBCs lack the messages of the simulated car.
+        DctorqueError: the vehicle cannot be simulated, or its DBCs lack messages of the demo car that it reads.
     """
     vehicle = config.settings.vehicle
     truth = simulate(vehicle, drive_of(config, drive, seed, duration_s), progress=progress)
     sensors = replace(sensors_of(config, profile, seed), unsigned=UNSIGNED[unsigned])
-    frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
+    frames = frames_of(config, truth, sensors, START_US)
     name = f"{drive} drive, {profile} signals, seed {seed}"
     if unsigned is not Unsigned.NONE:
         name += f", unsigned {unsigned}"
@@ -191,6 +193,32 @@ def write_log(config: Config, drive: SimulatedDrive, output: Path) -> Path:
 
 def _mcap(config: Config, drive: SimulatedDrive, path: Path) -> McapLog:
     return McapLog(path, documents=config.documents, metadata={SIMULATION: {"drive": drive.name}})
+
+
+def frames_of(config: Config, truth: NDArray[np.void], sensors: SensorProfile, start_us: int = 0) -> Frames:
+    """Return the frames of a drive on the bus of ``config``.
+
+    A vehicle file that reads messages of the demo car gets what that car sends. Any other one has a bus of its
+    own: what it reads is sent, by its DBC.
+
+    Args:
+        config: of the car; wheel speeds are sent with its radius, whatever the tyre's true one is: control units
+            have it coded.
+        truth: of a drive, maybe of another car.
+        sensors: how the car measures and sends.
+        start_us: time of the first row on the bus.
+
+    Raises:
+        DctorqueError: the DBCs lack a message of the demo car, or a message cannot be sent.
+    """
+    settings = config.settings
+    read = {term.message for given in settings.inputs for term in given.signals}
+    sent = None
+    if not read & set(COLUMNS):
+        mass = settings.vehicle.chassis.mass_kg
+        clutches = settings.phases.clutches
+        sent = own_bus(settings.inputs, config.protections, clutches, mass, config.database, sensors)
+    return emit_frames(truth, settings.vehicle, sensors, config.database, start_us, sent)
 
 
 def drive_of(config: Config, name: DriveName, seed: int, duration_s: float | None) -> Drive:

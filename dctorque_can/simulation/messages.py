@@ -69,7 +69,7 @@ class Sampled:
 
 def _engine(s: Sampled) -> dict[str, Floats]:
     profile = s.profile
-    torque = _nominal_torque(s)
+    torque = nominal_torque(s)
     speed = s.value("engine_speed_rad_s", profile.noise.engine_speed_rad_s)
     noise = profile.noise.engine_torque_nm * s.random.standard_normal(len(torque))
     return {
@@ -125,17 +125,28 @@ def _axle(front: bool) -> Callable[[Sampled], dict[str, Floats]]:
 
 
 def _inertial(s: Sampled) -> dict[str, Floats]:
+    offset, grade_offset = s.lasting.standard_normal(2)
+    return {
+        "LongAcceleration": acceleration(s, offset),
+        "RoadGrade": np.degrees(grade(s, grade_offset)),
+    }
+
+
+def acceleration(s: Sampled, offset: float) -> Floats:
+    """Return what an accelerometer measures along the car, m/s²; its lasting offset in standard deviations."""
     errors, half_us = s.profile.inertial, _ACCELERATION_US // 2
-    offset, grade_offset = s.lasting.standard_normal(2) * (errors.offset_m_s2, errors.grade_offset_rad)
     name = "undriven_wheel_speed_rad_s"
     later, earlier = (s.value(name, late_us=errors.delay_us + sign * half_us) for sign in (-1, 1))
     dv_dt = s.wheel_radius_m * (later - earlier) / (_ACCELERATION_US * 1e-6)
     gravity = STANDARD_GRAVITY * np.sin(s.value("grade_rad", late_us=errors.delay_us))
     noise = errors.noise_m_s2 * s.random.standard_normal(len(dv_dt))
-    return {
-        "LongAcceleration": (1.0 + errors.pitch) * dv_dt + gravity + offset + noise,
-        "RoadGrade": np.degrees(s.value("grade_rad", late_us=errors.grade_delay_us) + grade_offset),
-    }
+    return np.asarray((1.0 + errors.pitch) * dv_dt + gravity + errors.offset_m_s2 * offset + noise, np.float64)
+
+
+def grade(s: Sampled, offset: float) -> Floats:
+    """Return the grade that a control unit believes in, rad; its lasting offset in standard deviations."""
+    errors = s.profile.inertial
+    return s.value("grade_rad", late_us=errors.grade_delay_us) + errors.grade_offset_rad * offset
 
 
 def _directions(s: Sampled) -> dict[str, Floats]:
@@ -162,7 +173,7 @@ def _direction(speed: Floats, errors: DirectionErrors) -> Floats:
     return said.astype(float)
 
 
-def _nominal_torque(s: Sampled) -> Floats:
+def nominal_torque(s: Sampled) -> Floats:
     """Return the torque of the engine as its control unit tells it, but for noise."""
     profile = s.profile
     torque = s.value("engine_torque_nominal_nm", late_us=profile.torque_delay_us)
@@ -171,10 +182,15 @@ def _nominal_torque(s: Sampled) -> Floats:
     return profile.torque_gain * torque + profile.torque_offset_nm
 
 
+def friction_torque(s: Sampled) -> Floats:
+    """Return the friction of the engine as its control unit reckons with it, N·m, positive."""
+    return _FRICTION_NM + _FRICTION_NMS * s.value("engine_speed_rad_s")
+
+
 def _engine_share(s: Sampled) -> dict[str, Floats]:
-    torque = _nominal_torque(s)
+    torque = nominal_torque(s)
     torque += s.profile.noise.engine_torque_nm * s.random.standard_normal(len(torque))
-    friction = _FRICTION_NM + _FRICTION_NMS * s.value("engine_speed_rad_s")
+    friction = friction_torque(s)
     per_cent = 100.0 / s.profile.reference_torque_nm
     return {"IndicatedTorque": (torque + friction) * per_cent, "FrictionTorque": friction * per_cent}
 
@@ -183,21 +199,33 @@ def _engine_reference(s: Sampled) -> dict[str, Floats]:
     return {"ReferenceTorque": np.full(len(s.at_us), s.profile.reference_torque_nm)}
 
 
-def _driving_clutch(s: Sampled) -> dict[str, Floats]:
+def driving_clutch_torque(s: Sampled) -> Floats:
+    """Return what the transmission control believes of the clutch that drives, N·m."""
     first = s.value("clutch1_capacity_nm") >= s.value("clutch2_capacity_nm")
     torque = np.where(first, s.value("clutch1_torque_nm"), s.value("clutch2_torque_nm"))
-    return {"ClutchTorque": s.profile.clutch_torque_gain * torque}
+    return s.profile.clutch_torque_gain * torque
 
 
-def _driving_shaft(s: Sampled) -> dict[str, Floats]:
-    """Return the speed of the shaft whose clutch has the greater capacity; it goes over late, and at once."""
+def _driving_clutch(s: Sampled) -> dict[str, Floats]:
+    return {"ClutchTorque": driving_clutch_torque(s)}
+
+
+def driving_shaft_speed(s: Sampled) -> Floats:
+    """Return the magnitude of the speed of the shaft whose clutch has the greater capacity, rad/s.
+
+    It goes over late, and at once.
+    """
     late_us = s.profile.driving_shaft_delay_us
     capacity = (s.value(f"clutch{i}_capacity_nm", late_us=late_us) for i in (1, 2))
     first = np.greater_equal(*capacity)
     sigma = s.profile.noise.shaft_speed_rad_s
     speed = np.where(first, s.value("shaft1_speed_rad_s"), s.value("shaft2_speed_rad_s"))
     noisy = np.abs(speed) + sigma * s.random.standard_normal(len(speed))
-    return {"InputShaftSpeed": np.maximum(noisy, 0.0) * _RPM_PER_RAD_S}
+    return np.maximum(noisy, 0.0)
+
+
+def _driving_shaft(s: Sampled) -> dict[str, Floats]:
+    return {"InputShaftSpeed": driving_shaft_speed(s) * _RPM_PER_RAD_S}
 
 
 COLUMNS: dict[str, Callable[[Sampled], dict[str, Floats]]] = {

@@ -9,7 +9,7 @@ of its sensors, the resolution of the DBC, and arrives later by the message's de
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -18,15 +18,17 @@ from cantools.database.can import Database
 from numpy.typing import NDArray
 
 from dctorque_can.bus.encoder import MessageEncoder
+from dctorque_can.bus.layout import MAX_BYTES
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Protection
 from dctorque_can.simulation.messages import COLUMNS, Sampled
 from dctorque_can.simulation.one_gear import GearChange
 from dctorque_can.simulation.truth import TRUTH_PERIOD_US
 
 Speeds = Literal["wheels", "shafts"]
+_CLASSIC_BYTES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +118,7 @@ class SensorProfile:
             teeth. Noise and resolution are then those of the magnitude.
         gear_changes: when in a shift the one gear of the message Transmission changes: in the middle, when the new
             clutch has the greater capacity, or at the end, when the old one is open.
+        own_period_us: of every message of a car with a bus of its own (`own_bus`); None: what its DBC says.
     """
 
     name: str
@@ -134,6 +137,7 @@ class SensorProfile:
     direction: DirectionErrors = DirectionErrors()
     unsigned: frozenset[Speeds] = frozenset()
     gear_changes: GearChange = "end"
+    own_period_us: int | None = None
 
 
 LABORATORY = SensorProfile(
@@ -143,6 +147,7 @@ LABORATORY = SensorProfile(
         for name in ("EngineData", "InputShafts", "Gearbox", "WheelSpeedsFront", "WheelSpeedsRear")
     },
     noise=Noise(engine_speed_rad_s=0.3, shaft_speed_rad_s=0.3, wheel_speed_rad_s=0.02),
+    own_period_us=1000,
 )
 """Every signal each millisecond, without delay, with the noise of the paper's simulation study."""
 
@@ -190,6 +195,48 @@ MORE = replace(
 """The same with the messages of dbc/demo_car_more.dbc: every other message is the same bit for bit."""
 
 
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """What the control units of one car send.
+
+    Attributes:
+        timing: by message name.
+        columns: by message name, physical values of its signals at the instants at which it samples.
+        protections: by message name, of those that have one.
+    """
+
+    timing: Mapping[str, Timing]
+    columns: Mapping[str, Callable[[Sampled], Mapping[str, NDArray[np.float64]]]]
+    protections: Mapping[str, Protection]
+
+
+def sent_by_demo_car(profile: SensorProfile, database: Database) -> Sent:
+    """Return what the demo car sends.
+
+    Raises:
+        DctorqueError: the database lacks a message, or the profile names one that no sensor fills.
+    """
+    known = {message.name: message for message in database.messages}
+    protections = {}
+    for name in profile.timing:
+        if name not in COLUMNS:
+            raise DctorqueError(f"no sensors for message {name}; there are {', '.join(COLUMNS)}")
+        if name not in known:
+            raise DctorqueError(
+                f"no DBC of the vehicle file has a message {name}; the simulated car sends demo_car.dbc, with "
+                "profile one_gear demo_car_one_gear.dbc, with more demo_car_more.dbc too: name it in databases"
+            )
+        protections[name] = Protection(
+            message=name,
+            counter_signal=f"{name}Counter",
+            counter_modulus=15,
+            crc="e2e_p01",
+            crc_signal=f"{name}Crc",
+            data_id=known[name].frame_id,
+        )
+    return Sent(profile.timing, COLUMNS, protections)
+
+
 @dataclass(slots=True)
 class FrameEmitter:
     """The electronic control units of one car: they count and sign from one drive to the next.
@@ -198,44 +245,31 @@ class FrameEmitter:
         vehicle: for the wheel radius that is coded in the brake control unit, whatever the tyre's true radius is:
             the unit measures rad/s and multiplies.
         profile: how the car measures and sends.
-        database: with the messages of demo_car.dbc.
+        database: with the messages that are sent.
+        sent: what is; None for what the demo car sends.
 
     Raises:
-        DctorqueError: the database lacks a message, or the profile names one that no sensor fills.
+        DctorqueError: the database lacks a message of the demo car, or a message cannot be sent.
     """
 
     vehicle: Vehicle
     profile: SensorProfile
     database: Database
+    sent: Sent | None = None
+    _sent: Sent = field(init=False)
     _encoders: dict[str, MessageEncoder] = field(init=False)
     _random: dict[str, np.random.Generator] = field(init=False)
 
     def __post_init__(self) -> None:
-        known = {message.name for message in self.database.messages}
-        for name, timing in self.profile.timing.items():
-            if name not in COLUMNS:
-                raise DctorqueError(f"no sensors for message {name}; there are {', '.join(COLUMNS)}")
-            if name not in known:
-                raise DctorqueError(
-                    f"no DBC of the vehicle file has a message {name}; the simulated car sends demo_car.dbc, with "
-                    "profile one_gear demo_car_one_gear.dbc, with more demo_car_more.dbc too: name it in databases"
-                )
+        self._sent = self.sent or sent_by_demo_car(self.profile, self.database)
+        self._encoders, self._random = {}, {}
+        for name, timing in self._sent.timing.items():
             if not 0 <= timing.jitter_us < timing.period_us:
                 raise DctorqueError(
                     f"message {name}: jitter {timing.jitter_us} µs must be within 0 and its period"
                 )
-        self._encoders, self._random = {}, {}
-        for name in self.profile.timing:
             message = self.database.get_message_by_name(name)
-            protection = Protection(
-                message=name,
-                counter_signal=f"{name}Counter",
-                counter_modulus=15,
-                crc="e2e_p01",
-                crc_signal=f"{name}Crc",
-                data_id=message.frame_id,
-            )
-            self._encoders[name] = MessageEncoder(message, protection)
+            self._encoders[name] = MessageEncoder(message, self._sent.protections.get(name))
             self._random[name] = np.random.default_rng([self.profile.seed, message.frame_id])
 
     def emit(self, truth: NDArray[np.void], start_us: int = 0) -> Frames:
@@ -248,19 +282,21 @@ class FrameEmitter:
             truth: `TRUTH` ``[n]``.
             start_us: time of the first row on the bus.
         """
-        parts = [self._message(name, truth, start_us) for name in self.profile.timing]
+        parts = [self._message(name, truth, start_us) for name in self._sent.timing]
         return Frames.concatenate(parts).sorted_by_time()
 
     def _message(self, name: str, truth: NDArray[np.void], start_us: int) -> Frames:
-        timing, random = self.profile.timing[name], self._random[name]
+        timing, random = self._sent.timing[name], self._random[name]
         first, last = int(truth["t_us"][0]), int(truth["t_us"][-1])
         at_us = np.arange(first + timing.offset_us, last, timing.period_us, dtype=np.int64)
         message = self.database.get_message_by_name(name)
         lasting = np.random.default_rng([self.profile.seed, message.frame_id, 1])
         radius_m = self.vehicle.chassis.wheel_radius_m
         sampled = Sampled(truth, at_us, self.profile, radius_m, random, lasting)
-        payload = self._encoders[name].encode(COLUMNS[name](sampled))
-        frames = Frames.empty(len(at_us))
+        payload = self._encoders[name].encode(self._sent.columns[name](sampled))
+        is_fd = message.length > _CLASSIC_BYTES
+        frames = Frames.empty(len(at_us), MAX_BYTES if is_fd else _CLASSIC_BYTES)
+        frames.flags[:] = FrameFlag.FD if is_fd else 0
         late = timing.delay_us + random.integers(0, timing.jitter_us, len(at_us), endpoint=True)
         frames.t_us[:] = at_us - first + start_us + late
         frames.can_id[:] = message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0)
@@ -275,13 +311,14 @@ def emit_frames(
     profile: SensorProfile,
     database: Database,
     start_us: int = 0,
+    sent: Sent | None = None,
 ) -> Frames:
     """Return the CAN frames of one drive, sorted by arrival; see `FrameEmitter`.
 
     Raises:
-        DctorqueError: the database lacks a message of the demo car.
+        DctorqueError: as for `FrameEmitter`.
     """
-    return FrameEmitter(vehicle, profile, database).emit(truth, start_us)
+    return FrameEmitter(vehicle, profile, database, sent).emit(truth, start_us)
 
 
 def length_us(truth: NDArray[np.void]) -> int:

@@ -14,11 +14,18 @@ from dctorque_can.analysis.honesty import honesty
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.errors import DctorqueError
-from dctorque_can.offline.simulated_car import UNSIGNED, DriveName, ProfileName, Unsigned, drive_of, sensors_of
+from dctorque_can.offline.simulated_car import (
+    UNSIGNED,
+    DriveName,
+    ProfileName,
+    Unsigned,
+    drive_of,
+    frames_of,
+    sensors_of,
+)
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import simulate
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
-from dctorque_can.simulation.sensors import emit_frames
 from dctorque_can.study.catalogue import MIXED_S, Case, Catalogue
 from dctorque_can.study.code import SIMULATION, code
 from dctorque_can.study.draw import noise_seed
@@ -85,7 +92,7 @@ class CatalogueBench:
         drive = drive_of(config, DriveName.PAPER, 0, 0.1)
         truth = simulate(config.settings.vehicle, drive)
         sensors = sensors_of(config, self._setup.profile, 0)
-        chain.feed(emit_frames(truth, config.settings.vehicle, sensors, config.database))
+        chain.feed(frames_of(config, truth, sensors))
         if self._setup.smooth:
             chain.smoothed()
 
@@ -127,8 +134,7 @@ class CatalogueBench:
 
         def make() -> tuple[Frames, NDArray[np.void]]:
             truth = simulate(car.vehicle, car.drive, car.powertrain)
-            # The wheel signals are made with the radius of the nominal car: control units have it coded.
-            return emit_frames(truth, nominal, car.sensors, config.database), judged(truth)
+            return frames_of(config, truth, car.sensors), judged(truth)
 
         documents = setup.documents[case.vehicle, case.signals]
         databases = sorted((n, c) for n, c in documents.items() if not n.endswith((".yaml", ".yml")))

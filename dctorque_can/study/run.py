@@ -19,12 +19,11 @@ from dctorque_can.config.load import load_documents
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.offline.bound import BoundChain
-from dctorque_can.offline.simulated_car import DriveName, ProfileName, drive_of, sensors_of
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, drive_of, frames_of, sensors_of
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import simulate
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
-from dctorque_can.simulation.sensors import emit_frames
 from dctorque_can.study.code import SIMULATION, code
 from dctorque_can.study.draw import noise_seed
 from dctorque_can.study.factors import Car, varied
@@ -110,7 +109,7 @@ class Bench:
         """Compile everything, or load it where it is compiled already."""
         Chain(self._config).warm_up()
         truth = simulate(self.nominal.vehicle, replace(self.nominal.drive, duration_s=0.1))
-        emit_frames(truth, self.nominal.vehicle, self.nominal.sensors, self._config.database)
+        frames_of(self._config, truth, self.nominal.sensors)
 
     def run(self, number: int, values: Mapping[str, float]) -> Record:
         """Return errors of the estimates of one car, or why there are none."""
@@ -156,9 +155,7 @@ class Bench:
         """Simulate a car; return its frames, and of the truth what estimates are held against."""
         truth = simulate(car.vehicle, car.drive, car.powertrain)
         check_drive(truth, car.vehicle.chassis.wheel_radius_m)
-        # The wheel signals are made with the radius of the nominal car: control units have it coded.
-        frames = emit_frames(truth, self.nominal.vehicle, car.sensors, self._config.database)
-        return frames, judged(truth)
+        return frames_of(self._config, truth, car.sensors), judged(truth)
 
     def _key(self, car: Car) -> str:
         """Return what frames and truth of a car depend on, as one hash."""
