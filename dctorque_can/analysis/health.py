@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.consistency import nis
 from dctorque_can.analysis.noise_hints import noise_hints
 from dctorque_can.pipeline.samples import Input, Quantity
-from dctorque_can.plausibility.findings import sentences
+from dctorque_can.plausibility.findings import key_of, sentences
 
 _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
@@ -27,6 +27,7 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}
     counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
     learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
+    counts["accepted"] = {q.name.lower(): int(record["accepted"][q]) for q in Quantity if record["accepted"][q]}
     counts["engine_torque"] = learned if sensors else {}
     counts["findings"] = findings(health)
     counts["hints"] = noise_hints(health)
@@ -36,14 +37,16 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
 def findings(health: NDArray[np.void]) -> list[dict[str, Any]]:
     """Return what contradicted the vehicle file at any time up to a `HEALTH` record ``[1]``.
 
-    Each has its name, whether it ``stands`` at the end, whether no torque is valid while it does so, the number
-    that was ``measured`` last, and what it ``says`` in a sentence.
+    Each has its name, the ``key`` of the vehicle file to look at first, whether it ``stands`` at the end, whether
+    no torque is valid while it does so, the number that was ``measured`` last, and what it ``says`` in a sentence.
     """
     record = health[0]
-    told = sentences(int(record["findings_ever"]), record["finding_measured"], int(record["finding_gear"]))
+    gear = int(record["finding_gear"])
+    told = sentences(int(record["findings_ever"]), record["finding_measured"], gear)
     return [
         {
             "finding": str(finding.name).lower(),
+            "key": key_of(finding, gear),
             "stands": bool(record["findings"] & finding),
             "torques_not_valid": bool(record["findings_strong"] & finding),
             "measured": measured,

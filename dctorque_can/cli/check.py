@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dctorque_can.cli.console import STDERR, STDOUT, print_json, print_page, say
+from dctorque_can.cli.console import STDERR, STDOUT, print_json, print_page, progress_bar, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.cli.options import JsonOption, SetOption
 
@@ -21,11 +22,16 @@ if TYPE_CHECKING:
 def check(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="Vehicle configuration (YAML).")],
     set_: SetOption = None,
+    log: Annotated[
+        list[Path] | None,
+        typer.Option("--log", metavar="LOG", help="Recording of a drive to hold the file against; or several."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a vehicle configuration and its DBCs, and show the inputs.
+    """Check a vehicle configuration and its DBCs, and show the inputs; with --log also against a recorded drive.
 
-    Exit codes: 0 the file can be used (warnings go to stderr), 1 it has errors, 2 wrong usage.
+    Exit codes: 0 the file can be used (warnings go to stderr), and nothing in the log contradicts it; 1 it has
+    errors; 2 wrong usage; 3 the log contradicts it, or a part of the log cannot be read.
     """
     from dctorque_can.config.load import ConfigError, load_config
     from dctorque_can.config.overrides import parse_overrides
@@ -48,11 +54,37 @@ def check(
             say(f"{path}: {counted(error.problems)}")
         raise typer.Exit(ExitCode.ERROR) from error
     found = overview(str(path), loaded.warnings, loaded)
+    if log:
+        _against(loaded, log, found, as_json)
+        return
     if as_json:
         print_json(found)
         return
     _show_problems(loaded.warnings)
     _show(loaded, found)
+
+
+def _against(config: Config, logs: Sequence[Path], found: dict[str, Any], as_json: bool) -> None:
+    """Hold the file against recordings, and show what contradicts it."""
+    from dctorque_can.identify.recording import judge
+    from dctorque_can.logs.reader import open_log
+    from dctorque_can.report.recording_lines import CONTRADICTS, finding_line, incomplete_lines, summary_line
+
+    with ExitStack() as stack:
+        readers = [stack.enter_context(open_log(path)) for path in logs]
+        with progress_bar("replaying") as progress:
+            judged = judge(readers, config, progress)
+    incomplete = incomplete_lines(judged)
+    for line in incomplete:
+        warn(line)
+    if as_json:
+        print_json(found | judged.as_json())
+    else:
+        for finding in judged.findings:
+            STDOUT.print(finding_line(finding), soft_wrap=True)
+        STDOUT.print(summary_line(str(config.path), judged), markup=False, soft_wrap=True)
+    if incomplete or any(finding.severity in CONTRADICTS for finding in judged.findings):
+        raise typer.Exit(ExitCode.INCOMPLETE)
 
 
 def _show_problems(problems: Sequence[Problem]) -> None:

@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 
 def simulate(
     config: Annotated[
-        Path, typer.Argument(metavar="[CONFIG]", help="Vehicle file; a car with a DBC of its own sends what the file reads.")
+        Path,
+        typer.Argument(
+            metavar="[CONFIG]", help="Vehicle file; a car with a DBC of its own sends what the file reads."
+        ),
     ] = Path("paper_car"),
     settings: SetOption = None,
     output: Annotated[

@@ -35,6 +35,7 @@ from dctorque_can.config.input_doubts import (
     note_untold_signs,
 )
 from dctorque_can.config.inputs import QUANTITY_AT, InputsSection
+from dctorque_can.config.magnitudes import note_magnitudes
 from dctorque_can.config.plausibility import gear_doubts, gear_map_doubts, inference_doubts
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import S, absent, nearest, sound_parts, validate
@@ -91,6 +92,7 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     phases = _clutch_phase(document, builder, isinstance(gear_source, OneGear))
     estimator = validate(document, ("estimator",), EstimatorSection)
     protections = _protections(document, builder)
+    note_magnitudes(document)
     note_missing_axle(document, builder, vehicle)
     note_untold_signs(document, builder)
     note_idle_direction(document, builder)

@@ -193,8 +193,9 @@ def replay_logs(
     targets: ReplayTargets,
     content: ReplayContent,
     progress: Callable[[float], None],
+    watch: Callable[[Frames], None] = lambda frames: None,
 ) -> ReplayResult:
-    """Estimate over ``logs``, one after another as one sequence.
+    """Estimate over ``logs``, one after another as one sequence; ``watch`` is shown what is estimated over.
 
     Raises:
         DctorqueError: the log cannot be written (then what was written until then is removed), there is no
@@ -211,7 +212,7 @@ def replay_logs(
                 before = replay.traffic.frames
                 order = Reorder(reorder_window_us(reader, config))
                 for frames in order.sorted(reader.dated_frames()):
-                    replay.take(frames)
+                    watch(replay.take(frames))
                     progress(read * (number + reader.fraction) / len(logs))
                 count = replay.traffic.frames - before
                 held.append(Held(str(reader.path), count, reader.unread, order.moved, order.furthest_us))
@@ -300,16 +301,22 @@ class _Replay:
         """Mapped inputs of which no usable value came."""
         return never_received(self._config.inputs, self._chain.health)
 
-    def take(self, frames: Frames) -> None:
-        """Do the whole job for one batch; if estimates are to be smoothed, only up to them."""
+    def take(self, frames: Frames) -> Frames:
+        """Do the whole job for one batch; if estimates are to be smoothed, only up to them.
+
+        Returns:
+            The frames that were fed to the estimator.
+        """
         self.time.take(frames.t_us)
         self.traffic.take(frames)
-        estimates = self._chain.feed(on_their_channels(frames, self._channels))
+        fed = on_their_channels(frames, self._channels)
+        estimates = self._chain.feed(fed)
         if not self._content.smooth:
             self._give(frames, estimates)
-            return
+            return fed
         needed = self._content.frames or self._content.signals or self._player is not None
         self._waiting.append((frames if needed else Frames.empty(), len(estimates), estimates.health))
+        return fed
 
     def smooth(self, progress: Callable[[float], None]) -> None:
         """Do the rest for all batches that wait for their estimates to be smoothed."""

@@ -221,3 +221,32 @@ def sentences(findings: int, measured: Sequence[float], gear: int) -> Iterator[t
         if findings & finding:
             number = float(measured[place])
             yield finding, number, _SENTENCES[finding](number, gear)
+
+
+_KEYS: Mapping[Finding, str] = {
+    Finding.GEAR_RATIO: "vehicle.gears.{gear}.ratio",
+    Finding.WHEEL_SPEEDS: "vehicle.chassis.wheel_radius_m",
+    Finding.AXLE_SPEEDS: "inputs.wheel_speeds",
+    Finding.SHAFTS_EXCHANGED: "inputs.shaft1_speed",
+    Finding.GEAR_SIGNAL: "gears",
+    Finding.DRIVEN_AXLE: "vehicle.driven_axle",
+    Finding.CLUTCHES_EXCHANGED: "clutch_phase",
+    Finding.CLUTCH_DIRECTION: "clutch_phase",
+    Finding.CLUTCH1_CALLED_OPEN: "clutch_phase.clutch1",
+    Finding.CLUTCH2_CALLED_OPEN: "clutch_phase.clutch2",
+    Finding.CLUTCH1_CALLED_CLOSED: "clutch_phase.clutch1",
+    Finding.CLUTCH2_CALLED_CLOSED: "clutch_phase.clutch2",
+    Finding.LAUNCH_CALLED_OPEN: "clutch_phase",
+    Finding.ENGINE_TORQUE_SIGN: "inputs.engine_torque",
+    Finding.ENGINE_TORQUE_SCALE: "inputs.engine_torque",
+    Finding.ENGINE_TORQUE_OR_MASS: "inputs.engine_torque",
+    Finding.MASS: "vehicle.chassis.mass_kg",
+    Finding.ENGINE_INERTIA: "vehicle.engine_inertia_kgm2",
+    Finding.ENGINE_TORQUE_OFFSET: "inputs.engine_torque",
+    Finding.ROAD_LOAD: "inputs.engine_torque",
+}
+
+
+def key_of(finding: Finding, gear: int) -> str:
+    """Return the dotted key of the vehicle file to look at first; ``gear`` as for `sentences`."""
+    return _KEYS[finding].format(gear="R" if gear < 0 else gear)

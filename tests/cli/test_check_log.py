@@ -1,0 +1,55 @@
+"""`dctorque check --log`: a vehicle file held against a recorded drive."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return 16 s of the paper's drive."""
+    from dctorque_can.config.load import load_config
+    from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car, write_log
+    from dctorque_can.resources import shipped_config
+
+    config = load_config(shipped_config("paper_car"))
+    path = tmp_path_factory.mktemp("check") / "drive.blf"
+    write_log(config, simulate_car(config, DriveName.PAPER, ProfileName.PRODUCTION, 1, None), path)
+    return path
+
+
+def test_a_right_file(dctorque, log: Path) -> None:
+    outcome = dctorque("check", "paper_car", "--log", log)
+    assert outcome.code == 0, outcome.out
+    assert "nothing found in 16 s of traffic" in outcome.out
+
+
+def test_a_wrong_file(dctorque, log: Path) -> None:
+    """A wrong ratio, a mass in tonnes and a checksum of another message, each by its key."""
+    wrong = ("vehicle.gears.2.ratio=2.5", "vehicle.chassis.mass_kg=1.6", "protection.WheelSpeedsRear.data_id=7")
+    options = [part for each in wrong for part in ("--set", each)]
+    outcome = dctorque("check", "paper_car", "--log", log, *options, "--json")
+    assert outcome.code == 3
+    result = json.loads(outcome.out)
+    assert result["ok"]
+    told = {finding["key"]: finding for finding in result["findings"]}
+    assert told["vehicle.chassis.mass_kg"]["severity"] == "warning"
+    assert told["vehicle.gears.2.ratio"]["severity"] == "error"
+    assert told["protection.WheelSpeedsRear"]["severity"] == "error"
+    assert "100%" in told["protection.WheelSpeedsRear"]["text"]
+    assert set(result["findings"][0]) == {"severity", "key", "text", "value", "sigma"}
+    shown = dctorque("check", "paper_car", "--log", log, *options)
+    assert shown.code == 3
+    assert "error: vehicle.gears.2.ratio: in gear 2" in shown.out
+
+
+def test_what_a_log_lacks(dctorque, log: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.blf"
+    cut.write_bytes(log.read_bytes()[:1000])
+    outcome = dctorque("check", "paper_car", "--log", cut)
+    assert outcome.code == 3
+    assert "cut.blf" in outcome.err
+    missing = dctorque("check", "paper_car", "--log", tmp_path / "none.blf")
+    assert missing.code == 1
+    assert missing.err.startswith("error: ")
