@@ -78,6 +78,7 @@ MONITOR = np.dtype(
         ("sum_xy", "f8", (2,)),
         ("sum_yy", "f8"),
         ("sum_s", "f8"),
+        ("apart_s", "f8"),  # of these, with the engine turning apart from the car
         ("knows_body", "u1"),  # undriven wheels tell the speed of the body
         ("grade_m", "f8"),  # m of way on which the road load is known
         ("climb_m", "f8"),  # … and the height that it means

@@ -114,6 +114,8 @@ CORRELATED_S = 1.0
 """Errors of the equations last for so long: grade, wind, efficiency. Fewer are independent by that."""
 PRIOR_ERROR = 2.0
 """Standard deviation of both factors before anything is known: nothing is believed of them."""
+APART_S = 0.5
+"""Seconds of these in which the engine turned apart from the car; locked to it, its inertia is not told from the car's."""
 REGRESSION_S = 10.0
 """Seconds of equations that a verdict needs."""
 SMOOTH_S = 0.2

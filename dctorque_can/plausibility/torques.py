@@ -21,6 +21,7 @@ from dctorque_can.plausibility.findings import CLUTCHES, Finding
 from dctorque_can.plausibility.signals import faded, is_in, measures_axle, rolls_free, together
 from dctorque_can.plausibility.speeds import fits
 from dctorque_can.plausibility.thresholds import (
+    APART_S,
     BOTH_HIGH,
     BOTH_LOW,
     CERTAIN,
@@ -128,6 +129,8 @@ def compare_torque(m: Any, car: Any, inputs: Any, dt: float) -> None:
     m.sum_xy[1] = m.sum_xy[1] * fade + x_2 * y
     m.sum_yy = m.sum_yy * fade + y * y
     m.sum_s = m.sum_s * fade + seconds
+    apart = carrier == _NONE or not together(m, carrier)
+    m.apart_s = m.apart_s * fade + (seconds if apart else 0.0)
 
 
 @compiled_without_allocation
@@ -214,7 +217,7 @@ def judge_factors(m: Any) -> None:
     low = not negative and most > 0.0 and most * (1.0 + margin / max(abs(k_m), 1e-9)) < lowest
     middle = math.sqrt(max(k_m * most, 1e-6))
     # what engine and car say alike needs less of a deviation
-    known = error_J < KNOWN_SHARE * abs(k_J)
+    known = error_J < KNOWN_SHARE * abs(k_J) and m.apart_s >= APART_S
     both = max(k_J + TWICE * error_J, middle) < BOTH_LOW or min(k_J - TWICE * error_J, middle) > BOTH_HIGH
     alike = known and k_J > 0.0 and max(k_J / middle, middle / k_J) < SAME_FACTOR
     off = low or k_m - margin > highest or (both and alike and m.knows_body and not negative)
@@ -232,5 +235,5 @@ def judge_factors(m: Any) -> None:
     if scale or mass:  # by now it is known which
         m.ever &= ~_SCALE_OR_MASS
     inertia = k_J + CERTAIN * error_J < INERTIA_LOW or k_J - CERTAIN * error_J > INERTIA_HIGH
-    inertia &= not negative and not off
+    inertia &= not negative and not off and m.apart_s >= APART_S
     decide(m, _INERTIA, k_J, inertia, inertia, inertia)

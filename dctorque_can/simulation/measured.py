@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _FRONT = (Quantity.WHEEL_SPEED_FL, Quantity.WHEEL_SPEED_FR)
 _REAR = (Quantity.WHEEL_SPEED_RL, Quantity.WHEEL_SPEED_RR)
 _TURNS = 0.3  # rad/s at which the car counts as moving
+_MOST_OF_A_FLAG = 3.0  # a brake signal that is at most this is one bit, or two with "not available"
 _MOST_TRAVEL = 4.0  # a clutch closes within so many times its way to the kissing point, if the signal goes further
 
 
@@ -96,8 +97,7 @@ class Measured:
             case Quantity.GRADE:
                 return grade(s, float(s.lasting.standard_normal()))
             case Quantity.BRAKE:
-                full = self.mass_kg * STANDARD_GRAVITY
-                return np.minimum(s.value("brake_n") / full, 1.0) * max(extent[1], 0.0)
+                return self._brake(extent[1])
             case Quantity.DIRECTION:
                 speed = s.value("undriven_wheel_speed_rad_s", late_us=s.profile.direction.delay_us)
                 return np.where(np.abs(speed) > _TURNS, np.sign(speed), 0.0)
@@ -116,6 +116,13 @@ class Measured:
         }
         rows = np.searchsorted(s.truth["t_us"], s.at_us, side="right") - 1
         return columns[quantity][rows].astype(np.float64)
+
+    def _brake(self, most: float) -> Floats:
+        """Return 1 while the brake is on, if there is no room for more; else its force as a share of the most."""
+        force = self.sampled.value("brake_n")
+        if most <= _MOST_OF_A_FLAG:
+            return (force > 0.0).astype(np.float64)
+        return most * np.minimum(force / (self.mass_kg * STANDARD_GRAVITY), 1.0)
 
     def _wheel(self, quantity: Quantity) -> Floats:
         s = self.sampled
