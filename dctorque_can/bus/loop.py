@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import Coding
-from dctorque_can.bus.protection import payload_crc
+from dctorque_can.bus.protection import constants_hold, payload_checksum
 from dctorque_can.bus.tables import N_STANDARD_IDS
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.pipeline.frames import FrameFlag
@@ -73,6 +73,17 @@ def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
 
 
 @compiled_without_allocation
+def _read_parts(
+    data: NDArray[np.uint8], i: int, low: int, high: int, low_bits: np.uint64, fields: Table
+) -> np.uint64:
+    """Return a number in two signals: ``low_bits`` of it in ``low``, those above in ``high``, -1 for none."""
+    bits = _read_bits(data, i, fields[low])
+    if high >= 0:
+        bits |= _read_bits(data, i, fields[high]) << low_bits
+    return bits
+
+
+@compiled_without_allocation
 def _lies_within(field: Any, there: int) -> bool:
     """Return whether all bytes of a signal are among the first ``there`` ones."""
     first = field.lsb_byte
@@ -110,15 +121,20 @@ def _check_frame(
     frame for ever is never accepted again.
     """
     if there < message.length:
-        if message.crc_table >= 0:
+        if message.crc_bits > 0:
             return BAD_LENGTH
         if message.counter_field >= 0 and not _lies_within(fields[message.counter_field], there):
             return BAD_LENGTH
+        if message.counter_high_field >= 0 and not _lies_within(fields[message.counter_high_field], there):
+            return BAD_LENGTH
     counter = np.int64(0)
     if message.counter_field >= 0:
-        counter = np.int64(_read_bits(data, i, fields[message.counter_field]))
-    if message.crc_table >= 0 and payload_crc(data, i, message, counter, raws) != data[i, message.crc_byte]:
-        return BAD_CRC
+        low, high = message.counter_field, message.counter_high_field
+        counter = np.int64(_read_parts(data, i, low, high, message.counter_low_bits, fields))
+    if message.crc_bits > 0:
+        sent = _read_parts(data, i, message.crc_field, message.crc_high_field, message.crc_low_bits, fields)
+        if payload_checksum(data, i, message, counter, raws) != sent or not constants_hold(data, i, message, raws):
+            return BAD_CRC
     if message.counter_field < 0:
         return OK
     if counter >= message.counter_modulus:

@@ -10,7 +10,7 @@ from cantools.database.can import Database, Message, Signal
 from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import SignalLayout, selectors
-from dctorque_can.bus.protection import CHECKSUM, checksum_rule
+from dctorque_can.bus.protection import CHECKSUM, bits_of, checksum_rule
 from dctorque_can.pipeline.frames import EXTENDED_ID
 from dctorque_can.pipeline.samples import Input, Protection, Term
 
@@ -70,7 +70,11 @@ MESSAGE = np.dtype(
         ("first_pair", "i8"),
         ("n_pairs", "i8"),
         ("timeout_us", "i8"),  # the shortest of what it brings
-        ("counter_field", "i8"),  # -1: no counter
+        ("crc_field", "i8"),  # that with the lower bits
+        ("crc_high_field", "i8"),  # -1: none
+        ("counter_field", "i8"),  # that with the lower bits, -1: no counter
+        ("counter_high_field", "i8"),  # -1: none
+        ("counter_low_bits", "u8"),  # bits of the former
         ("counter_modulus", "i8"),
         ("max_counter_delta", "i8"),
     ],
@@ -203,13 +207,17 @@ def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> 
 def _add_message(
     rows: _Rows, message: Message, protection: Protection, renewed: Sequence[int], timeout_us: int
 ) -> None:
-    counter = next((each for each in message.signals if each.name == protection.counter_signal), None)
-    first_id, _ = rows.add_raws(list(protection.data_ids))
+    rule, raws = checksum_rule(message, protection, len(rows.raws))
+    rows.raws += raws
+    signals = {each.name: each for each in message.signals}
+    names = ("crc_signal", "crc_high_signal", "counter_signal", "counter_high_signal")
+    given = [signals.get(getattr(protection, name)) for name in names]
     rows.messages.append(
         (
-            *checksum_rule(message, protection, first_id),
+            *rule,
             *(len(rows.pairs), len(renewed), timeout_us),
-            rows.add_field(counter) if counter is not None else -1,
+            *(-1 if signal is None else rows.add_field(signal) for signal in given),
+            bits_of(message, protection.counter_signal),
             *(protection.counter_modulus, protection.max_counter_delta),
         )
     )

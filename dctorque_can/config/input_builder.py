@@ -139,15 +139,22 @@ class InputBuilder:
             crc_signal=section.crc_signal,
             data_id=section.data_id or 0,
             data_ids=tuple(section.data_ids or ()),
+            counter_high_signal=section.counter_high_signal,
+            crc_high_signal=section.crc_high_signal,
+            data_id_mode=section.data_id_mode,
+            crc_start=section.crc_start,
+            crc_xor=section.crc_xor,
+            crc_bytes=section.crc_bytes or 0,
         )
+        for key in section.idle():
+            self._warn((*path, key), f"has no effect with crc: {section.crc}")
         if self._database is not None:
-            keys = {section.crc_signal: "crc_signal", section.counter_signal: "counter_signal"}
             reported = {below for below, _ in section.contradictions()}
             for problem in input_problems(self._database, (), (protection,)):
                 if message not in self._messages:
                     self._complain(path, problem.reason, problem.suggestions)
-                elif problem.signal and (keys[problem.signal],) not in reported:
-                    self._complain((*path, keys[problem.signal]), problem.reason, problem.suggestions)
+                elif (problem.key,) not in reported:
+                    self._complain((*path, problem.key), problem.reason, problem.suggestions)
             used = {term.message for entry in self.entries for term in entry.input.signals}
             if message in self._messages and message not in used:
                 self._warn(path, "has no effect: no input comes from this message")
