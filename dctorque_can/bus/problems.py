@@ -115,11 +115,16 @@ def _of_input(database: Database, given: Input) -> Iterator[Problem]:
                 where,
                 name,
                 signal,
-                f"is {'summed' if given.multiplier is None else 'used'} {count} times; once is right",
+                f"is {'summed' if given.signals == given.terms else 'used'} {count} times; once is right",
             )
     if given.multiplier is not None and given.multiplier.timeout_us <= 0:
         reason = f"has a multiplier with a timeout of {given.multiplier.timeout_us} µs; it must be positive"
         yield Problem(where, "", "", reason)
+    if given.validity is not None and given.validity.timeout_us <= 0:
+        reason = f"has a validity with a timeout of {given.validity.timeout_us} µs; it must be positive"
+        yield Problem(where, "", "", reason)
+    if given.validity is not None and not given.validity.term.values:
+        yield Problem(where, "", "", "has a validity without a raw value that means valid")
     for term in given.signals:
         yield from _of_term(database, where, term)
 

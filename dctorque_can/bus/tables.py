@@ -59,6 +59,8 @@ INPUT = np.dtype(
         ("multiplier", "i8"),  # its term, which comes after those of the sum; -1: none
         ("multiplier_timeout_us", "i8"),
         ("divides", "b1"),
+        ("validity", "i8"),  # the term that says whether it is valid, the last one; -1: none
+        ("validity_timeout_us", "i8"),
     ],
     align=True,
 )
@@ -149,7 +151,10 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
         factor = (-1, 0, False)
         if each.multiplier is not None:
             factor = first + len(each.terms), each.multiplier.timeout_us, each.multiplier.divides
-        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor))
+        valid = (-1, 0)
+        if each.validity is not None:
+            valid = len(rows.terms) - 1, each.validity.timeout_us
+        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor, *valid))
     protection_of = {protection.message: protection for protection in protections}
     in_order = sorted(range(len(inputs)), key=lambda k: inputs[k].quantity)
     for name in names:
@@ -179,9 +184,10 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
 
 def _timeout_us(given: Input, message: str) -> int:
     """Return for how long what a message brings to an input counts."""
-    if given.multiplier is None or any(term.message == message for term in given.terms):
+    if any(term.message == message for term in given.terms):
         return given.timeout_us
-    return given.multiplier.timeout_us
+    beside = [each for each in (given.multiplier, given.validity) if each is not None]
+    return min(each.timeout_us for each in beside if each.term.message == message)
 
 
 def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> None:

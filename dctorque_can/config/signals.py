@@ -36,8 +36,14 @@ def _yes_or_no(value: Any) -> Any:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
 
 
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
 SignalName = Annotated[str, AfterValidator(_signal_name)]
 RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
+NotAvailable = Annotated[list[RawKey], BeforeValidator(_listed)]
+VALUE_TABLE = "value_table"  # among what is not available: all that the value table of the DBC names
 TimeoutMs = Annotated[float, Field(gt=0, le=60_000)]
 DelayMs = Annotated[float, Field(ge=0, le=200)]
 DEFAULT_TIMEOUT_MS = 100.0
@@ -56,8 +62,8 @@ class TermSection(Section):
     """Unit of the signal; default: the unit of the DBC."""
     reference_nm: Annotated[float, Field(gt=0)] | None = None
     """Torque that is 100 %, N·m, for a torque in %."""
-    not_available: list[RawKey] | None = None
-    """Raw values, or names of the DBC's value table, that mean "no value"."""
+    not_available: NotAvailable | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"; value_table: all that it names."""
 
     @model_validator(mode="before")
     @classmethod
@@ -76,8 +82,8 @@ class MultiplierSection(Section):
     """Added after ``factor``, in the unit of the signal."""
     unit: str | None = None
     """Unit of the signal, % or 1 for a share; default: the unit of the DBC."""
-    not_available: list[RawKey] | None = None
-    """Raw values, or names of the DBC's value table, that mean "no value"."""
+    not_available: NotAvailable | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"; value_table: all that it names."""
     timeout_ms: TimeoutMs = 5000.0
     """Age up to which its latest value counts, ms."""
 
@@ -92,7 +98,30 @@ class MultiplierSection(Section):
         return TermSection(**common)
 
 
-class InputSection(Section):
+class ValiditySection(Section):
+    """One DBC signal that says whether an input is valid."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC; the section may be just this text."""
+    values: Annotated[list[RawKey], Field(min_length=1)] = [1]  # noqa: RUF012
+    """Raw values, or names of the DBC's value table, that mean valid; all others do not."""
+    timeout_ms: TimeoutMs = 5000.0
+    """Age up to which its latest value counts, ms."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        return {"signal": value} if isinstance(value, str) else value
+
+
+class ConditionalSection(Section):
+    """What an input of any form may have."""
+
+    valid_if: ValiditySection | None = None
+    """Signal that says whether the value is valid, in the same message or another one."""
+
+
+class InputSection(ConditionalSection):
     """One input: a signal, or a sum of signals; times another one, or divided by it."""
 
     signal: SignalName | None = None
@@ -111,8 +140,8 @@ class InputSection(Section):
     """Unit of the signal (of all signals of a sum); default: the unit of the DBC."""
     reference_nm: Annotated[float, Field(gt=0)] | None = None
     """Torque that is 100 %, N·m, for a torque in %."""
-    not_available: list[RawKey] | None = None
-    """Raw values, or names of the DBC's value table, that mean "no value"; for every signal of a sum."""
+    not_available: NotAvailable | None = None
+    """Raw values, or names of the value table, that mean "no value", for every signal of a sum; or value_table."""
     range: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
     """[lowest, highest] plausible value in the input's unit; default: the plausible range of the quantity."""
     timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
@@ -174,7 +203,7 @@ class SpeedSection(InputSection):
     """Whether it is negative when the car rolls backwards; default: no, until a negative value comes."""
 
 
-class GearSignalSection(Section):
+class GearSignalSection(ConditionalSection):
     """The signal with the gear that is engaged on one shaft."""
 
     signal: SignalName
@@ -190,7 +219,7 @@ class GearSignalSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
-class ShiftFlagSection(Section):
+class ShiftFlagSection(ConditionalSection):
     """A flag that says whether a shift is in progress."""
 
     signal: SignalName
@@ -205,7 +234,7 @@ class ShiftFlagSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
-class ClutchStateSection(Section):
+class ClutchStateSection(ConditionalSection):
     """One state for both clutches together."""
 
     signal: SignalName
@@ -218,7 +247,7 @@ class ClutchStateSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
-class DirectionSection(Section):
+class DirectionSection(ConditionalSection):
     """Which way the car goes, as its brakes or its gearbox tell it."""
 
     signal: SignalName | None = None
@@ -249,7 +278,7 @@ class DirectionSection(Section):
         return [*([] if self.signal is None else [self.signal]), *(self.signals or ())]
 
 
-class FlagSection(Section):
+class FlagSection(ConditionalSection):
     """A flag that says whether one clutch is open."""
 
     signal: SignalName

@@ -144,6 +144,19 @@ class Multiplier:
 
 
 @dataclass(frozen=True, slots=True)
+class Validity:
+    """A signal that says whether an input is valid.
+
+    Attributes:
+        term: the signal; its ``values`` are those raw values that mean "valid".
+        timeout_us: age up to which its latest value counts.
+    """
+
+    term: Term
+    timeout_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class Input:
     """One quantity as the sum of DBC signals, or as that times another signal.
 
@@ -159,6 +172,7 @@ class Input:
         delay_us: from when a sample is taken to the time of its frame.
         signs: of a speed of wheels or shafts, whether it has one.
         multiplier: what the sum is multiplied with, or divided by.
+        validity: what says whether it is valid.
     """
 
     quantity: Quantity
@@ -169,11 +183,12 @@ class Input:
     delay_us: int = 0
     signs: Signs = Signs.SIGNED
     multiplier: Multiplier | None = None
+    validity: Validity | None = None
 
     @property
     def signals(self) -> tuple[Term, ...]:
-        """All signals: those of the sum, and the multiplier."""
-        return self.terms if self.multiplier is None else (*self.terms, self.multiplier.term)
+        """All signals: those of the sum, the multiplier, and what says whether they are valid."""
+        return (*self.terms, *(each.term for each in (self.multiplier, self.validity) if each is not None))
 
 
 @dataclass(frozen=True, slots=True)
