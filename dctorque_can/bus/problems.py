@@ -317,13 +317,11 @@ def _lies_at(signal: Signal, byte: int, bits: int) -> bool:
 
 def _of_counter(given: Protection, kind: Kind | None, bits: int) -> Iterator[str]:
     modulus, crc = given.counter_modulus, given.crc
-    if not 2 <= modulus <= 1 << bits:
+    if kind is not None and kind.counter_bits and (modulus, bits) != (kind.modulus, kind.counter_bits):
+        yield f"has {bits} bits and the modulus {modulus}; {crc} has {kind.counter_bits} bits and {kind.modulus}"
+    elif not 2 <= modulus <= 1 << bits:
         yield f"has {bits} bits; the counter modulus {modulus} must be 2..{1 << bits}"
     if not 1 <= given.max_counter_delta < max(modulus, 2):
         yield f"may step by {given.max_counter_delta}; the largest step must be 1..{modulus - 1}"
-    if kind is None:
-        return
-    if kind.beside is Coverage.DATA_ID_BEFORE and modulus != kind.modulus:
+    if kind is not None and kind.beside is Coverage.DATA_ID_BEFORE and modulus != kind.modulus:
         yield f"has the modulus {modulus}; the counter of {crc} runs 0..14, modulus {kind.modulus}"
-    if kind.counter_bits and (modulus != kind.modulus or bits != kind.counter_bits):
-        yield f"has {bits} bits and the modulus {modulus}; {crc} has {kind.counter_bits} bits and {kind.modulus}"

@@ -153,11 +153,12 @@ class InputBuilder:
         for key in section.idle():
             self._warn((*path, key), f"has no effect with crc: {section.crc}")
         if self._database is not None:
-            reported = {below for below, _ in section.contradictions()}
+            reported = {dotted((*path, *below)) for below, _ in section.contradictions()}
+            reported |= {problem.key for problem in self._document.problems}
             for problem in input_problems(self._database, (), (protection,)):
                 if message not in self._messages:
                     self._complain(path, problem.reason, problem.suggestions)
-                elif (problem.key,) not in reported:
+                elif dotted((*path, problem.key)) not in reported:
                     self._complain((*path, problem.key), problem.reason, problem.suggestions)
             used = {term.message for entry in self.entries for term in entry.input.signals}
             if message in self._messages and message not in used:

@@ -72,6 +72,7 @@ def test_kinds_and_modes_are_those_of_the_decoder() -> None:
             "data_ids",
             "are missing, and those of EngineData are not known; known are ESP_02",
         ),
+        (P01 | {"crc": "vw_mqb", "data_ids": [1, 2]}, "data_ids", "at least 16 items"),
         (SUM | {"crc": "vw_mqb", "data_ids": [1] * 16}, "counter_signal", "missing: vw_mqb has an alive counter"),
     ],
 )
@@ -86,7 +87,10 @@ def test_all_mistakes_of_a_protection_are_told_at_once(errors: Errors) -> None:
     told = {problem.key: problem.reason for problem in errors({"protection.EngineData": wrong})}
     assert told.keys() == {f"protection.EngineData.{key}" for key in ("crc_signal", "counter_signal", "data_id")}
     assert "the CRC of e2e_p05 is 2 whole bytes, little_endian (@1)" in told["protection.EngineData.crc_signal"]
-    assert "e2e_p05 has 8 bits and 256" in told["protection.EngineData.counter_signal"]
+    assert (
+        told["protection.EngineData.counter_signal"]
+        == "has 4 bits and the modulus 256; e2e_p05 has 8 bits and 256"
+    )
     assert told["protection.EngineData.data_id"] == "missing: e2e_p05 needs the data id of the message"
 
 
