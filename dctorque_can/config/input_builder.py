@@ -14,6 +14,7 @@ from dctorque_can.config.dbc_signal import can_be_negative
 from dctorque_can.config.document import Document
 from dctorque_can.config.inputs import ANY, PLAUSIBLE
 from dctorque_can.config.problems import KeyPath, dotted
+from dctorque_can.config.protection import ProtectionSection
 from dctorque_can.config.section import nearest
 from dctorque_can.config.signals import (
     VALUE_TABLE,
@@ -23,7 +24,6 @@ from dctorque_can.config.signals import (
     FlagSection,
     GearSignalSection,
     InputSection,
-    ProtectionSection,
     ShiftFlagSection,
     SpeedSection,
     TermSection,
@@ -134,22 +134,7 @@ class InputBuilder:
 
     def protect(self, path: KeyPath, message: str, section: ProtectionSection) -> Protection:
         """Return the protection of one message."""
-        protection = Protection(
-            message,
-            counter_signal=section.counter_signal,
-            counter_modulus=section.modulus,
-            max_counter_delta=section.max_counter_delta,
-            crc=section.crc,
-            crc_signal=section.crc_signal,
-            data_id=section.data_id or 0,
-            data_ids=tuple(section.data_ids or ()),
-            counter_high_signal=section.counter_high_signal,
-            crc_high_signal=section.crc_high_signal,
-            data_id_mode=section.data_id_mode,
-            crc_start=section.crc_start,
-            crc_xor=section.crc_xor,
-            crc_bytes=section.crc_bytes or 0,
-        )
+        protection = section.protection(message)
         for key in section.idle():
             self._warn((*path, key), f"has no effect with crc: {section.crc}")
         if self._database is not None:

@@ -9,7 +9,7 @@ from dctorque_can.bus.protection import CRC_KINDS, DATA_ID_MODES
 from dctorque_can.config.load import Config
 from dctorque_can.config.overview import input_rows
 from dctorque_can.config.problems import Problem
-from dctorque_can.config.signals import ProtectionSection
+from dctorque_can.config.protection import ProtectionSection
 from dctorque_can.pipeline.samples import Protection
 
 Load = Callable[[dict[str, Any]], Config]

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from dctorque_can.bus.checksum_kinds import KINDS
 from dctorque_can.bus.protection import CRC_KINDS
 from dctorque_can.bus.vw_mqb import DATA_IDS
-from dctorque_can.config import edges, estimation, inputs, signals, vehicle
+from dctorque_can.config import edges, estimation, inputs, protection, signals, vehicle
 from dctorque_can.config.descriptions import field_descriptions
 from dctorque_can.config.load import OPTIONAL_SECTIONS, SECTIONS
 from dctorque_can.config.section import Section
@@ -21,7 +21,7 @@ from dctorque_can.resources import shipped_dbc
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "configuration.md").read_text()
 MODELS = [
     model
-    for module in (vehicle, signals, inputs, estimation, edges)
+    for module in (vehicle, signals, inputs, protection, estimation, edges)
     for model in vars(module).values()
     if isinstance(model, type) and issubclass(model, Section) and model.__module__ == module.__name__
 ]
@@ -61,7 +61,7 @@ def test_every_section_is_in_the_reference() -> None:
 
 
 def test_every_kind_of_checksum_is_in_the_reference() -> None:
-    (kinds,) = [get_args(signals.ProtectionSection.model_fields["crc"].annotation)]
+    (kinds,) = [get_args(protection.ProtectionSection.model_fields["crc"].annotation)]
     assert kinds == CRC_KINDS
     table = TEXT[TEXT.index("### Kinds of checksum") : TEXT.index("## `gears`")]
     rows = dict(re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table, re.MULTILINE))
@@ -84,7 +84,7 @@ def test_examples_in_the_reference_are_accepted(load) -> None:
                 reverse = {"shaft": 2, "ratio": 3.5, "final_drive": 3.7, "inertia_kgm2": 0.001}
                 assert load(database | {"gears": value, "vehicle.gears.R": reverse}).warnings == ()
             elif key == "protection":
-                model = TypeAdapter(dict[str, signals.ProtectionSection])
+                model = TypeAdapter(dict[str, protection.ProtectionSection])
                 assert all(list(part.contradictions()) == [] for part in model.validate_python(value).values())
             elif key == "clutch_phase":
                 assert load(database | {key: value}).warnings == ()
