@@ -45,6 +45,7 @@ class Decoder:
       leaves the terms as received, so that the next frame can repair the sum.
     * An input with a multiplier is renewed by the signals of its sum alone. A multiplier that is not available, or
       older than its own timeout, gives NOT_AVAILABLE, and so does a division by zero.
+    * An input with a `Validity` is NOT_AVAILABLE while that has not told, for its own timeout, that it is valid.
     * A frame with one value out of range is not trusted at all: every quantity of it is OUT_OF_RANGE.
 
     The result does not depend on how the frames are cut into batches. Making a decoder compiles the loop, or loads

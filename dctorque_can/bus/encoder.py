@@ -9,12 +9,20 @@ import numpy as np
 from cantools.database.can import Message, Signal
 from numpy.typing import ArrayLike, NDArray
 
-from dctorque_can.bus.encoder_loop import COUNTER, CRC, MESSAGE, SIGNAL, VALUE, encode_batch
+from dctorque_can.bus.encoder_loop import (
+    COUNTER,
+    COUNTER_HIGH,
+    CRC,
+    MESSAGE,
+    SIGNAL,
+    VALUE,
+    encode_batch,
+)
 from dctorque_can.bus.layout import Coding, SignalLayout, layout_problem, selector_problem, selectors
 from dctorque_can.bus.loop import SCRATCH
 from dctorque_can.bus.packing import packed
 from dctorque_can.bus.problems import InputError, nearest, protection_problems
-from dctorque_can.bus.protection import checksum_rule
+from dctorque_can.bus.protection import bits_of, checksum_rule, filled_in
 from dctorque_can.bus.tables import CONDITION, RAW
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.samples import Protection
@@ -50,24 +58,27 @@ class MessageEncoder:
         self._message = message
         self._counter = 0
         self._modulus = rule.counter_modulus
-        self._own = {rule.crc_signal, rule.counter_signal} - {""}
+        roles = {rule.counter_signal: COUNTER, rule.counter_high_signal: COUNTER_HIGH}
+        roles |= dict.fromkeys(rule.crc_signals, CRC)
         self._index = {signal.name: k for k, signal in enumerate(message.signals)}
         conditions: list[tuple[int, int, int]] = []
-        raws = [(each, 0.0) for each in rule.data_ids]
+        values, raws = checksum_rule(message, rule, 0)
         signals = []
         for signal in message.signals:
             first = len(conditions)
             for selector, ids in selectors(message, signal):
                 conditions.append((self._index[selector.name], len(raws), len(ids)))
                 raws += [(each, 0.0) for each in ids]
-            role = CRC if signal.name == rule.crc_signal else VALUE
-            role = COUNTER if signal.name == rule.counter_signal else role
+            role = roles.get(signal.name, VALUE)
             signals.append((*_coding(message, signal, role), first, len(conditions) - first))
+        self._own = filled_in(message, rule)
+        low_bits = bits_of(message, rule.counter_signal)
+        crc_places = [self._index.get(name, -1) for name in (rule.crc_signal, rule.crc_high_signal)]
         self._memory = packed(
             np.array(signals, SIGNAL),
             np.array(conditions, CONDITION),
             np.array(raws, RAW),
-            np.array([(*checksum_rule(message, rule, 0), rule.counter_modulus)], MESSAGE),
+            np.array([(*values, rule.counter_modulus, low_bits, *crc_places)], MESSAGE),
             np.zeros(len(signals), np.uint64),
             np.zeros(1, SCRATCH),
         )

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import Coding
 from dctorque_can.bus.loop import SCRATCH, find_raw
-from dctorque_can.bus.protection import CHECKSUM, payload_crc
+from dctorque_can.bus.protection import CHECKSUM, payload_checksum, write_constants
 from dctorque_can.bus.tables import CONDITION, FIELD, RAW
 from dctorque_can.compiled import compiled, compiled_without_allocation
 
-VALUE, COUNTER, CRC = 0, 1, 2  # what a signal carries
+VALUE, COUNTER, COUNTER_HIGH, CRC = range(4)  # what a signal carries
 
 SIGNAL = np.dtype(
     [
@@ -34,7 +34,16 @@ SIGNAL = np.dtype(
 )
 """How one signal is written."""
 
-MESSAGE = np.dtype([*CHECKSUM, ("modulus", "i8")], align=True)
+MESSAGE = np.dtype(
+    [
+        *CHECKSUM,
+        ("modulus", "i8"),
+        ("counter_low_bits", "u8"),  # of a counter in two parts, bits of the lower one
+        ("crc_signal", "i8"),  # row of the signals, -1: none
+        ("crc_high_signal", "i8"),
+    ],
+    align=True,
+)
 """How one message is counted and signed."""
 
 FLOAT32, FLOAT64 = int(Coding.FLOAT32), int(Coding.FLOAT64)
@@ -106,7 +115,9 @@ def encode_rows(
         for k in range(len(signals)):
             signal = signals[k]
             if signal.role == COUNTER:
-                row_bits[k] = np.uint64(count)
+                row_bits[k] = np.uint64(count) & signal.mask
+            elif signal.role == COUNTER_HIGH:
+                row_bits[k] = np.uint64(count) >> rule.counter_low_bits
             elif signal.role == CRC:
                 row_bits[k] = np.uint64(0)
             elif columns[k] < 0:
@@ -126,8 +137,12 @@ def encode_rows(
                 selected &= find_raw(raws, condition.first_raw, condition.n_raws, bits) >= 0
             if selected:
                 _write_bits(data, i, signal, row_bits[k])
-        if rule.crc_table >= 0:
-            data[i, rule.crc_byte] = payload_crc(data, i, rule, count, raws)
+        if rule.crc_bits > 0:
+            write_constants(data, i, rule, raws)
+            checksum = payload_checksum(data, i, rule, count, raws)
+            _write_bits(data, i, signals[rule.crc_signal], checksum & signals[rule.crc_signal].mask)
+            if rule.crc_high_signal >= 0:
+                _write_bits(data, i, signals[rule.crc_high_signal], checksum >> rule.crc_low_bits)
     return -1
 
 

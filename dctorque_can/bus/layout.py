@@ -184,7 +184,7 @@ def bytes_needed(message: Message, signals: Collection[str], protection: Protect
     """Return how many first bytes of a message hold some signals, their multiplexers and the protection."""
     if protection is not None and protection.crc != "none":
         return int(message.length)  # a CRC covers all of them
-    counter = protection.counter_signal if protection is not None else ""
-    wanted = [signal for signal in message.signals if signal.name in signals or signal.name == counter]
+    counter = protection.counter_signals if protection is not None else ()
+    wanted = [signal for signal in message.signals if signal.name in signals or signal.name in counter]
     chains = [selector for signal in wanted for selector, _ in selectors(message, signal)]
     return max((max(SignalLayout.of(each).byte_indices) + 1 for each in (*wanted, *chains)), default=0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import Coding
-from dctorque_can.bus.protection import payload_crc
+from dctorque_can.bus.protection import constants_hold, payload_checksum
 from dctorque_can.bus.tables import N_STANDARD_IDS
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.pipeline.frames import FrameFlag
@@ -73,6 +73,17 @@ def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
 
 
 @compiled_without_allocation
+def _read_parts(
+    data: NDArray[np.uint8], i: int, low: int, high: int, low_bits: np.uint64, fields: Table
+) -> np.uint64:
+    """Return a number in two signals: ``low_bits`` of it in ``low``, those above in ``high``, -1 for none."""
+    bits = _read_bits(data, i, fields[low])
+    if high >= 0:
+        bits |= _read_bits(data, i, fields[high]) << low_bits
+    return bits
+
+
+@compiled_without_allocation
 def _lies_within(field: Any, there: int) -> bool:
     """Return whether all bytes of a signal are among the first ``there`` ones."""
     first = field.lsb_byte
@@ -110,15 +121,20 @@ def _check_frame(
     frame for ever is never accepted again.
     """
     if there < message.length:
-        if message.crc_table >= 0:
+        if message.crc_bits > 0:
             return BAD_LENGTH
         if message.counter_field >= 0 and not _lies_within(fields[message.counter_field], there):
             return BAD_LENGTH
+        if message.counter_high_field >= 0 and not _lies_within(fields[message.counter_high_field], there):
+            return BAD_LENGTH
     counter = np.int64(0)
     if message.counter_field >= 0:
-        counter = np.int64(_read_bits(data, i, fields[message.counter_field]))
-    if message.crc_table >= 0 and payload_crc(data, i, message, counter, raws) != data[i, message.crc_byte]:
-        return BAD_CRC
+        low, high = message.counter_field, message.counter_high_field
+        counter = np.int64(_read_parts(data, i, low, high, message.counter_low_bits, fields))
+    if message.crc_bits > 0:
+        sent = _read_parts(data, i, message.crc_field, message.crc_high_field, message.crc_low_bits, fields)
+        if payload_checksum(data, i, message, counter, raws) != sent or not constants_hold(data, i, message, raws):
+            return BAD_CRC
     if message.counter_field < 0:
         return OK
     if counter >= message.counter_modulus:
@@ -200,27 +216,44 @@ def _renew_term(
 
 
 @compiled_without_allocation
-def _renew_multiplier(
+def _renew_beside(
     t_us: int,
+    there: int,
+    whole: bool,
     data: NDArray[np.uint8],
     i: int,
     term: Any,
     state: Any,
+    conditions: Table,
     fields: Table,
     raws: Table,
     scratch: Any,
 ) -> int:
-    """Read the signal that a sum is multiplied with; once it is not available, the latest value counts no more."""
-    status = _renew_term(t_us, data, i, term, state, fields, raws, scratch)
+    """Read what a sum is multiplied with, or what says whether it is valid. Return its status.
+
+    Once it is not available, or behind the end of a frame, the latest value counts no more.
+    """
+    told = whole or _selectors_lie_within(there, term, conditions, fields)
+    if told and not _is_selected(data, i, term, conditions, fields, raws):
+        return OK
+    status = NOT_AVAILABLE
+    if told and (whole or _lies_within(fields[term.field], there)):
+        status = _renew_term(t_us, data, i, term, state, fields, raws, scratch)
     if status != OK:
         state.known = False
     return status
 
 
 @compiled_without_allocation
+def _counts(t_us: int, state: Any, timeout_us: int) -> bool:
+    """Return whether a latest value still counts."""
+    return state.known and abs(t_us - state.t_us) < timeout_us  # type: ignore[no-any-return]
+
+
+@compiled_without_allocation
 def _multiplied(value: float, t_us: int, given: Any, state: Any) -> float:
     """Return a sum times its multiplier, or divided by it; infinite without one."""
-    if not state.known or abs(t_us - state.t_us) >= given.multiplier_timeout_us:
+    if not _counts(t_us, state, given.multiplier_timeout_us):
         return np.inf
     if given.divides:
         return value / state.value if state.value != 0.0 else np.inf
@@ -307,21 +340,22 @@ def decode_frames(
                             t_us[i], data, i, terms[k], term_states[k], fields, raws, scratch[0]
                         )
                         status = max(status, term_status)
-                k = given.multiplier
-                if k >= 0 and terms[k].message == m and _is_selected(data, i, terms[k], conditions, fields, raws):
-                    term_status = _renew_multiplier(
-                        t_us[i], data, i, terms[k], term_states[k], fields, raws, scratch[0]
-                    )
-                    status = max(status, term_status)
-                    renewed |= term_status != OK  # else it waits for the next sum
+                for k in (given.multiplier, given.validity):
+                    if k >= 0 and terms[k].message == m:
+                        at = terms[k], term_states[k], conditions, fields, raws, scratch[0]
+                        term_status = _renew_beside(t_us[i], there, whole, data, i, *at)
+                        status = max(status, term_status)
+                        renewed |= term_status != OK  # else it waits for the next sum
             if renewed and status == OK:
                 for k in range(given.first_term, given.first_term + given.n_terms):
                     state = term_states[k]
                     value += state.value
-                    if not state.known or abs(t_us[i] - state.t_us) >= given.timeout_us:
-                        renewed = False
+                    renewed &= _counts(t_us[i], state, given.timeout_us)
                 if given.multiplier >= 0:
                     value = _multiplied(value, t_us[i], given, term_states[given.multiplier])
+                k = given.validity
+                if k >= 0 and not _counts(t_us[i], term_states[k], given.validity_timeout_us):
+                    value = np.inf
                 if not np.isfinite(value):
                     status, value = NOT_AVAILABLE, 0.0
                 elif not given.minimum <= value <= given.maximum:

@@ -10,8 +10,10 @@ from difflib import get_close_matches
 
 from cantools.database.can import Database, Message, Signal
 
+from dctorque_can.bus.checksum_kinds import KINDS, LAST_STANDARD_ID, Coverage, Kind
 from dctorque_can.bus.layout import SignalLayout, layout_problem, selector_problem
-from dctorque_can.bus.protection import CRC_KINDS, P01_MODULUS, P02_MODULUS
+from dctorque_can.bus.protection import CRC_KINDS, DATA_ID_MODES, data_ids_of
+from dctorque_can.bus.vw_mqb import DATA_IDS
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.samples import Input, Protection, Term
 
@@ -26,6 +28,7 @@ class Problem:
         signal: name of the DBC signal, or "".
         reason: what is wrong and what would be right.
         suggestions: nearest existing names, best first.
+        key: of a protection, which of its attributes is wrong, or "".
     """
 
     where: str
@@ -33,6 +36,7 @@ class Problem:
     signal: str
     reason: str
     suggestions: tuple[str, ...] = ()
+    key: str = ""
 
     def __str__(self) -> str:
         name = ".".join(part for part in (self.message, self.signal) if part)
@@ -111,11 +115,16 @@ def _of_input(database: Database, given: Input) -> Iterator[Problem]:
                 where,
                 name,
                 signal,
-                f"is {'summed' if given.multiplier is None else 'used'} {count} times; once is right",
+                f"is {'summed' if given.signals == given.terms else 'used'} {count} times; once is right",
             )
     if given.multiplier is not None and given.multiplier.timeout_us <= 0:
         reason = f"has a multiplier with a timeout of {given.multiplier.timeout_us} µs; it must be positive"
         yield Problem(where, "", "", reason)
+    if given.validity is not None and given.validity.timeout_us <= 0:
+        reason = f"has a validity with a timeout of {given.validity.timeout_us} µs; it must be positive"
+        yield Problem(where, "", "", reason)
+    if given.validity is not None and not given.validity.term.values:
+        yield Problem(where, "", "", "has a validity without a raw value that means valid")
     for term in given.signals:
         yield from _of_term(database, where, term)
 
@@ -170,58 +179,149 @@ def _unknown_signal(database: Database, where: str, message: Message, name: str)
     return Problem(where, message.name, name, f"is not a signal of {message.name}", suggestions)
 
 
-def protection_problems(message: Message, protection: Protection) -> Iterator[Problem]:
+def protection_problems(message: Message, given: Protection) -> Iterator[Problem]:
     """Yield what is wrong with the protection of one message."""
     where = f"protection {message.name}"
-
-    def problem(signal: str, reason: str, known: Iterable[str] = ()) -> Problem:
-        return Problem(where, message.name, signal, reason, nearest(signal, known))
-
     names = [signal.name for signal in message.signals]
-    for name in filter(None, (protection.counter_signal, protection.crc_signal)):
+    keys = ("counter_signal", "counter_high_signal", "crc_signal", "crc_high_signal")
+    named = {key: str(getattr(given, key)) for key in keys if getattr(given, key)}
+    found: dict[str, Signal] = {}
+    for key, name in named.items():
         signal = _signal(message, name)
-        if signal is None:
-            yield problem(name, f"is not a signal of {message.name}", names)
-            continue
-        unreadable = layout_problem(signal, message.length)
-        if unreadable:
-            yield problem(name, unreadable)
-        elif signal.is_float or signal.multiplexer_ids:
-            yield problem(name, "must be an integer signal that is in every frame, not multiplexed")
-        elif name == protection.crc_signal and (signal.length != 8 or SignalLayout.of(signal).shift != 0):
-            yield problem(name, f"has {signal.length} bits from bit {signal.start}; a CRC is one whole byte")
-        elif name == protection.counter_signal:
-            yield from (problem(name, reason) for reason in _of_counter(signal, protection))
-
-    if protection.crc not in CRC_KINDS:
-        known = ", ".join(CRC_KINDS)
-        yield Problem(where, message.name, "", f"has the unknown CRC {protection.crc!r}; known are {known}")
-    elif protection.crc != "none" and not protection.crc_signal:
-        yield problem("", f"has the CRC {protection.crc} but no CRC signal")
-    elif protection.crc == "none" and protection.crc_signal:
-        yield problem(protection.crc_signal, "is a CRC signal, but the kind of CRC is none")
-    if not 0 <= protection.data_id <= 0xFFFF:
-        yield problem("", f"has the data id {protection.data_id}; it has 16 bits, 0..65535")
-    if protection.crc == "e2e_p02":
-        yield from (problem("", reason) for reason in _of_profile_2(protection))
+        reason = f"is not a signal of {message.name}"
+        if signal is not None:
+            reason = layout_problem(signal, message.length)
+            if not reason and (signal.is_float or signal.multiplexer_ids):
+                reason = "must be an integer signal that is in every frame, not multiplexed"
+            elif not reason and name in (each.name for each in found.values()):
+                reason = "is given twice; checksum and counter have a signal each"
+        if reason:
+            yield Problem(where, message.name, name, reason, nearest(name, names if signal is None else ()), key)
+        elif signal is not None:
+            found[key] = signal
+    for what in ("counter", "crc"):
+        low, high = f"{what}_signal", f"{what}_high_signal"
+        if high in named and low not in named:
+            reason = f"has the upper bits alone; {low} has the lower ones"
+            yield Problem(where, message.name, named[high], reason, (), high)
+    kind = KINDS.get(given.crc)
+    for key, reason in _of_kind(message, given, kind):
+        yield Problem(where, message.name, named.get(key, ""), reason, (), key)
+    if found.keys() == named.keys():
+        for key, reason in _of_signals(message, given, kind, found):
+            yield Problem(where, message.name, named[key], reason, (), key)
 
 
-def _of_counter(signal: Signal, protection: Protection) -> Iterator[str]:
-    modulus = protection.counter_modulus
-    if not 2 <= modulus <= 1 << signal.length:
-        yield f"has {signal.length} bits; the counter modulus {modulus} must be 2..{1 << signal.length}"
-    if not 1 <= protection.max_counter_delta < max(modulus, 2):
-        yield f"may step by {protection.max_counter_delta}; the largest step must be 1..{modulus - 1}"
-    if protection.crc == "e2e_p01" and modulus != P01_MODULUS:
-        yield f"has the modulus {modulus}; the counter of e2e_p01 runs 0..14, modulus {P01_MODULUS}"
-    if protection.crc == "e2e_p02" and (modulus != P02_MODULUS or signal.length != 4):
-        yield f"has {signal.length} bits and the modulus {modulus}; e2e_p02 has 4 bits and {P02_MODULUS}"
+def _of_kind(message: Message, given: Protection, kind: Kind | None) -> Iterator[tuple[str, str]]:
+    """Yield (attribute, reason) for what does not fit the kind of checksum."""
+    crc = given.crc
+    if crc not in CRC_KINDS:
+        yield "crc", f"has the unknown CRC {crc!r}; known are {', '.join(CRC_KINDS)}"
+    elif kind is not None and not given.crc_signal:
+        yield "crc_signal", f"has the CRC {crc} but no CRC signal"
+    elif kind is None and given.crc_signal:
+        yield "crc_signal", "is a CRC signal, but the kind of CRC is none"
+    id_bits = kind.data_id_bits if kind is not None and kind.data_id_bits else 16
+    if given.data_id_mode == "nibble":
+        id_bits = 12
+    if not 0 <= given.data_id < 1 << id_bits:
+        yield "data_id", f"has the data id {given.data_id}; it has {id_bits} bits, 0..{(1 << id_bits) - 1}"
+    if not 0 <= given.crc_bytes <= message.length:
+        yield "crc_bytes", f"are {given.crc_bytes} bytes; the message has {message.length}"
+    if given.data_id_mode not in DATA_ID_MODES:
+        yield "data_id_mode", f"is {given.data_id_mode!r}; known are {', '.join(DATA_ID_MODES)}"
+    if kind is None:
+        return
+    if given.data_id_mode != "both" and kind.beside is not Coverage.DATA_ID_BEFORE:
+        yield "data_id_mode", f"has no effect with {crc}; it belongs to e2e_p01 and e2e_p11"
+    for key, number in (("crc_start", given.crc_start), ("crc_xor", given.crc_xor)):
+        if number is not None and not kind.open:
+            able = ", ".join(name for name, each in KINDS.items() if each.open)
+            yield key, f"cannot be chosen with {crc}; it can with {able}"
+        elif number is not None and not 0 <= number < 1 << kind.bits:
+            yield key, f"is {number}; the checksum has {kind.bits} bits, 0..{(1 << kind.bits) - 1}"
+    if crc == "hyundai_canfd" and message.frame_id > LAST_STANDARD_ID:
+        yield "crc", "has an identifier of 29 bits; hyundai_canfd is known for 11. Give e2e_p05 and its data_id"
+    by_counter = kind.beside is Coverage.IDS_BY_COUNTER
+    if not given.counter_signal and (by_counter or kind.leaves_counter_out or given.data_id_mode == "alternating"):
+        yield "counter_signal", f"has the CRC {crc}, which needs a counter signal"
+    if by_counter:
+        yield from (("data_ids", reason) for reason in _of_data_ids(message, given))
 
 
-def _of_profile_2(protection: Protection) -> Iterator[str]:
-    if not protection.counter_signal:
-        yield "has the CRC e2e_p02, which needs a counter signal"
-    if len(protection.data_ids) != P02_MODULUS:
-        yield f"has {len(protection.data_ids)} data ids; e2e_p02 needs {P02_MODULUS}, one per counter value"
-    elif not all(0 <= each <= 0xFF for each in protection.data_ids):
+def _of_data_ids(message: Message, given: Protection) -> Iterator[str]:
+    data_ids = data_ids_of(message, given)
+    if not data_ids and given.crc == "vw_mqb":
+        yield f"are missing, and those of {message.name} are not known; known are {', '.join(DATA_IDS)}"
+    elif len(data_ids) != 16:
+        yield f"has {len(data_ids)} data ids; {given.crc} needs 16, one per counter value"
+    elif not all(0 <= each <= 0xFF for each in data_ids):
         yield "has data ids outside 0..255"
+
+
+def _of_signals(
+    message: Message, given: Protection, kind: Kind | None, found: dict[str, Signal]
+) -> Iterator[tuple[str, str]]:
+    """Yield (attribute, reason) for signals that have not the bits, or the place, that their role needs."""
+    crc = found.get("crc_signal")
+    wrong = _of_checksum(given, kind, crc, found.get("crc_high_signal")) if kind is not None and crc else ""
+    if wrong:
+        yield "crc_signal", wrong
+    counter = found.get("counter_signal")
+    if counter is not None:
+        bits = sum(found[key].length for key in ("counter_signal", "counter_high_signal") if key in found)
+        yield from (("counter_signal", reason) for reason in _of_counter(given, kind, bits))
+    if kind is None or crc is None or wrong:
+        return
+    first = min(SignalLayout.of(crc).byte_indices)
+    at = first + (kind.counter_at or 0)
+    if kind.counter_at is not None and counter is not None and not _lies_at(counter, at, kind.counter_bits):
+        order = ", big endian (@0)" if kind.counter_bits > 8 else ""
+        yield "counter_signal", f"is not where {given.crc} has it: {kind.counter_bits} bits from byte {at}{order}"
+    header = [*(place for place in (kind.length_at, kind.data_id_at) if place is not None)]
+    if given.data_id_mode == "nibble":
+        header.append((1, 1))
+    begin = first + min((place for place, _ in header), default=0)
+    end = first + max((place + size for place, size in header), default=0)
+    if begin < 0 or end > (given.crc_bytes or message.length):
+        reason = f"begins in byte {first}, so that the header of {given.crc} would be in bytes {begin}..{end - 1}"
+        yield "crc_signal", f"{reason} of {given.crc_bytes or message.length}"
+
+
+def _of_checksum(given: Protection, kind: Kind, low: Signal, high: Signal | None) -> str:
+    """Return why signals cannot carry the checksum, or ""."""
+    layout = SignalLayout.of(low)
+    bits = low.length + (0 if high is None else high.length)
+    if high is not None and kind.bits > 4:
+        return f"is one of two parts; the checksum of {given.crc} is in one signal"
+    if kind.bits == 4:
+        return "" if bits == 4 else f"has {bits} bits; {given.crc} has 4"
+    if kind.bits == 8:
+        right = low.length == 8 and layout.shift == 0
+        return "" if right else f"has {low.length} bits from bit {low.start}; a CRC is one whole byte"
+    order = "big_endian" if kind.big_endian else "little_endian"
+    if low.length == kind.bits and layout.shift == 0 and low.byte_order == order:
+        return ""
+    return (
+        f"has {low.length} bits from bit {low.start}, {low.byte_order}; the CRC of {given.crc} is "
+        f"{kind.bits // 8} whole bytes, {order} (@{0 if kind.big_endian else 1})"
+    )
+
+
+def _lies_at(signal: Signal, byte: int, bits: int) -> bool:
+    """Return whether a signal is just these bits from a byte on, the highest byte first."""
+    layout = SignalLayout.of(signal)
+    in_order = bits <= 8 or signal.byte_order == "big_endian"
+    return in_order and signal.length == bits and layout.shift == 0 and min(layout.byte_indices) == byte
+
+
+def _of_counter(given: Protection, kind: Kind | None, bits: int) -> Iterator[str]:
+    modulus, crc = given.counter_modulus, given.crc
+    if kind is not None and kind.counter_bits and (modulus, bits) != (kind.modulus, kind.counter_bits):
+        yield f"has {bits} bits and the modulus {modulus}; {crc} has {kind.counter_bits} bits and {kind.modulus}"
+    elif not 2 <= modulus <= 1 << bits:
+        yield f"has {bits} bits; the counter modulus {modulus} must be 2..{1 << bits}"
+    if not 1 <= given.max_counter_delta < max(modulus, 2):
+        yield f"may step by {given.max_counter_delta}; the largest step must be 1..{modulus - 1}"
+    if kind is not None and kind.beside is Coverage.DATA_ID_BEFORE and modulus != kind.modulus:
+        yield f"has the modulus {modulus}; the counter of {crc} runs 0..14, modulus {kind.modulus}"

@@ -10,7 +10,7 @@ from cantools.database.can import Database, Message, Signal
 from numpy.typing import NDArray
 
 from dctorque_can.bus.layout import SignalLayout, selectors
-from dctorque_can.bus.protection import CHECKSUM, checksum_rule
+from dctorque_can.bus.protection import CHECKSUM, bits_of, checksum_rule
 from dctorque_can.pipeline.frames import EXTENDED_ID
 from dctorque_can.pipeline.samples import Input, Protection, Term
 
@@ -59,6 +59,8 @@ INPUT = np.dtype(
         ("multiplier", "i8"),  # its term, which comes after those of the sum; -1: none
         ("multiplier_timeout_us", "i8"),
         ("divides", "b1"),
+        ("validity", "i8"),  # the term that says whether it is valid, the last one; -1: none
+        ("validity_timeout_us", "i8"),
     ],
     align=True,
 )
@@ -70,7 +72,11 @@ MESSAGE = np.dtype(
         ("first_pair", "i8"),
         ("n_pairs", "i8"),
         ("timeout_us", "i8"),  # the shortest of what it brings
-        ("counter_field", "i8"),  # -1: no counter
+        ("crc_field", "i8"),  # that with the lower bits
+        ("crc_high_field", "i8"),  # -1: none
+        ("counter_field", "i8"),  # that with the lower bits, -1: no counter
+        ("counter_high_field", "i8"),  # -1: none
+        ("counter_low_bits", "u8"),  # bits of the former
         ("counter_modulus", "i8"),
         ("max_counter_delta", "i8"),
     ],
@@ -145,7 +151,10 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
         factor = (-1, 0, False)
         if each.multiplier is not None:
             factor = first + len(each.terms), each.multiplier.timeout_us, each.multiplier.divides
-        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor))
+        valid = (-1, 0)
+        if each.validity is not None:
+            valid = len(rows.terms) - 1, each.validity.timeout_us
+        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor, *valid))
     protection_of = {protection.message: protection for protection in protections}
     in_order = sorted(range(len(inputs)), key=lambda k: inputs[k].quantity)
     for name in names:
@@ -175,9 +184,10 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
 
 def _timeout_us(given: Input, message: str) -> int:
     """Return for how long what a message brings to an input counts."""
-    if given.multiplier is None or any(term.message == message for term in given.terms):
+    if any(term.message == message for term in given.terms):
         return given.timeout_us
-    return given.multiplier.timeout_us
+    beside = [each for each in (given.multiplier, given.validity) if each is not None]
+    return min(each.timeout_us for each in beside if each.term.message == message)
 
 
 def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> None:
@@ -203,13 +213,17 @@ def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> 
 def _add_message(
     rows: _Rows, message: Message, protection: Protection, renewed: Sequence[int], timeout_us: int
 ) -> None:
-    counter = next((each for each in message.signals if each.name == protection.counter_signal), None)
-    first_id, _ = rows.add_raws(list(protection.data_ids))
+    rule, raws = checksum_rule(message, protection, len(rows.raws))
+    rows.raws += raws
+    signals = {each.name: each for each in message.signals}
+    names = ("crc_signal", "crc_high_signal", "counter_signal", "counter_high_signal")
+    given = [signals.get(getattr(protection, name)) for name in names]
     rows.messages.append(
         (
-            *checksum_rule(message, protection, first_id),
+            *rule,
             *(len(rows.pairs), len(renewed), timeout_us),
-            rows.add_field(counter) if counter is not None else -1,
+            *(-1 if signal is None else rows.add_field(signal) for signal in given),
+            bits_of(message, protection.counter_signal),
             *(protection.counter_modulus, protection.max_counter_delta),
         )
     )

@@ -38,6 +38,7 @@ from dctorque_can.config.inputs import QUANTITY_AT, InputsSection
 from dctorque_can.config.magnitudes import note_magnitudes
 from dctorque_can.config.plausibility import gear_doubts, gear_map_doubts, inference_doubts
 from dctorque_can.config.problems import KeyPath
+from dctorque_can.config.protection import ProtectionSection
 from dctorque_can.config.section import S, absent, nearest, sound_parts, validate
 from dctorque_can.config.signals import (
     ClutchStateSection,
@@ -47,7 +48,6 @@ from dctorque_can.config.signals import (
     GearSignalSection,
     InputSection,
     PositionSection,
-    ProtectionSection,
     ShiftFlagSection,
 )
 from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear, gear_number

@@ -14,20 +14,22 @@ from dctorque_can.config.dbc_signal import can_be_negative
 from dctorque_can.config.document import Document
 from dctorque_can.config.inputs import ANY, PLAUSIBLE
 from dctorque_can.config.problems import KeyPath, dotted
+from dctorque_can.config.protection import ProtectionSection
 from dctorque_can.config.section import nearest
 from dctorque_can.config.signals import (
+    VALUE_TABLE,
     ClutchStateSection,
+    ConditionalSection,
     DirectionSection,
     FlagSection,
     GearSignalSection,
     InputSection,
-    ProtectionSection,
     ShiftFlagSection,
     SpeedSection,
     TermSection,
 )
 from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit, share_of
-from dctorque_can.pipeline.samples import Input, Multiplier, Protection, Quantity, Signs, Term
+from dctorque_can.pipeline.samples import Input, Multiplier, Protection, Quantity, Signs, Term, Validity
 
 SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no value", "fault", "error")
 
@@ -101,7 +103,8 @@ class InputBuilder:
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
         signs = self._signs(path, section, [*terms, *([] if factored is None else [factored.multiplier.term])])
         multiplier = None if factored is None else factored.multiplier
-        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs, multiplier)
+        valid = self._validity(path, section)
+        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs, multiplier, valid)
         if factored is None:
             self._append(path, given, units, self._resolution(terms))
         else:
@@ -125,29 +128,23 @@ class InputBuilder:
             terms.append(Term(message, signal, factor=1.0 / len(names), values=known))
         lowest, highest = min(values.values()), max(values.values())
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        given = Input(quantity, tuple(terms), float(lowest), float(highest), timeout, delay)
+        valid = self._validity(path, section)
+        given = Input(quantity, tuple(terms), float(lowest), float(highest), timeout, delay, validity=valid)
         self._append(path, given, [""] * len(terms))
 
     def protect(self, path: KeyPath, message: str, section: ProtectionSection) -> Protection:
         """Return the protection of one message."""
-        protection = Protection(
-            message,
-            counter_signal=section.counter_signal,
-            counter_modulus=section.modulus,
-            max_counter_delta=section.max_counter_delta,
-            crc=section.crc,
-            crc_signal=section.crc_signal,
-            data_id=section.data_id or 0,
-            data_ids=tuple(section.data_ids or ()),
-        )
+        protection = section.protection(message)
+        for key in section.idle():
+            self._warn((*path, key), f"has no effect with crc: {section.crc}")
         if self._database is not None:
-            keys = {section.crc_signal: "crc_signal", section.counter_signal: "counter_signal"}
-            reported = {below for below, _ in section.contradictions()}
+            reported = {dotted((*path, *below)) for below, _ in section.contradictions()}
+            reported |= {problem.key for problem in self._document.problems}
             for problem in input_problems(self._database, (), (protection,)):
                 if message not in self._messages:
                     self._complain(path, problem.reason, problem.suggestions)
-                elif problem.signal and (keys[problem.signal],) not in reported:
-                    self._complain((*path, keys[problem.signal]), problem.reason, problem.suggestions)
+                elif dotted((*path, problem.key)) not in reported:
+                    self._complain((*path, problem.key), problem.reason, problem.suggestions)
             used = {term.message for entry in self.entries for term in entry.input.signals}
             if message in self._messages and message not in used:
                 self._warn(path, "has no effect: no input comes from this message")
@@ -178,11 +175,30 @@ class InputBuilder:
             offset=given.offset * factor,
             not_available=frozenset(self._not_available(at, term)),
         )
-        known = self._messages.get(message)
-        if known is not None and known.cycle_time and given.timeout_ms < 2 * known.cycle_time:
-            reason = f"is less than two periods of {known.cycle_time:g} ms: one lost frame makes the input stale"
-            self._warn((*at, "timeout_ms"), reason)
+        self._check_age(at, message, given.timeout_ms)
         return _Factored(Multiplier(made, _us(given.timeout_ms), key == "divided_by"), unit, factor, has_unit)
+
+    def _validity(self, path: KeyPath, section: ConditionalSection) -> Validity | None:
+        """Return what says whether an input is valid."""
+        given = section.valid_if
+        if given is None:
+            return None
+        at = (*path, "valid_if")
+        message, signal = given.signal.split(".")
+        raws = [
+            raw for n, key in enumerate(given.values) for raw in self._raw((*at, "values", n), given.signal, key)
+        ]
+        self._check_age(at, message, given.timeout_ms)
+        if not raws:
+            return None
+        return Validity(Term(message, signal, values=dict.fromkeys(raws, 1.0)), _us(given.timeout_ms))
+
+    def _check_age(self, path: KeyPath, message: str, timeout_ms: float) -> None:
+        """Warn of a timeout that one lost frame of a message exceeds."""
+        known = self._messages.get(message)
+        if known is not None and known.cycle_time and timeout_ms < 2 * known.cycle_time:
+            reason = f"is less than two periods of {known.cycle_time:g} ms: one lost frame makes the input stale"
+            self._warn((*path, "timeout_ms"), reason)
 
     def _append(
         self,
@@ -210,7 +226,7 @@ class InputBuilder:
         """Return the key path of the signal that a problem of the bus is about."""
         value = self._document.value(path)
         if isinstance(value, dict):
-            for key in ("times", "divided_by"):
+            for key in ("times", "divided_by", "valid_if"):
                 factor = value.get(key)
                 name = factor.get("signal") if isinstance(factor, dict) else factor
                 if name == f"{message}.{signal}" or (not signal and str(name).startswith(f"{message}.")):
@@ -289,9 +305,14 @@ class InputBuilder:
         return unit, factor
 
     def _not_available(self, path: KeyPath, term: TermSection) -> Iterator[int]:
-        for n, key in enumerate(term.not_available or ()):
-            yield from self._raw((*path, "not_available", n), term.signal, key)
         signal = self._signal(term.signal)
+        for n, key in enumerate(term.not_available or ()):
+            if key != VALUE_TABLE:
+                yield from self._raw((*path, "not_available", n), term.signal, key)
+            elif signal is not None and signal.choices:
+                yield from map(int, signal.choices)
+            elif signal is not None:
+                self._complain((*path, "not_available", n), f"the DBC has no value table for {term.signal}")
         if signal is not None and signal.choices and term.not_available is None:
             for raw, name in signal.choices.items():
                 if str(name).casefold().replace("_", " ") in SAYS_NOT_AVAILABLE:

@@ -112,6 +112,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "mapped": [{str(raw): value for raw, value in term.values.items()} for term in entry.input.terms],
         "not_available": [sorted(term.not_available) for term in entry.input.terms],
         "multiplier": _multiplier(entry),
+        "valid_if": _validity(entry),
         "minimum": entry.input.minimum,
         "maximum": entry.input.maximum,
         "period_ms": max(periods) if periods else None,
@@ -135,6 +136,18 @@ def _multiplier(entry: InputEntry) -> dict[str, Any] | None:
         "factor": given.term.factor,
         "offset": given.term.offset,
         "not_available": sorted(given.term.not_available),
+        "timeout_ms": given.timeout_us / 1000,
+    }
+
+
+def _validity(entry: InputEntry) -> dict[str, Any] | None:
+    """Return what says whether an input is valid."""
+    given = entry.input.validity
+    if given is None:
+        return None
+    return {
+        "signal": f"{given.term.message}.{given.term.signal}",
+        "values": sorted(given.term.values),
         "timeout_ms": given.timeout_us / 1000,
     }
 

@@ -35,8 +35,14 @@ def _yes_or_no(value: Any) -> Any:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
 
 
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
 SignalName = Annotated[str, AfterValidator(_signal_name)]
 RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
+NotAvailable = Annotated[list[RawKey], BeforeValidator(_listed)]
+VALUE_TABLE = "value_table"  # among what is not available: all that the value table of the DBC names
 TimeoutMs = Annotated[float, Field(gt=0, le=60_000)]
 DelayMs = Annotated[float, Field(ge=0, le=200)]
 DEFAULT_TIMEOUT_MS = 100.0
@@ -55,8 +61,8 @@ class TermSection(Section):
     """Unit of the signal; default: the unit of the DBC."""
     reference_nm: Annotated[float, Field(gt=0)] | None = None
     """Torque that is 100 %, N·m, for a torque in %."""
-    not_available: list[RawKey] | None = None
-    """Raw values, or names of the DBC's value table, that mean "no value"."""
+    not_available: NotAvailable | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"; value_table: all that it names."""
 
     @model_validator(mode="before")
     @classmethod
@@ -75,8 +81,8 @@ class MultiplierSection(Section):
     """Added after ``factor``, in the unit of the signal."""
     unit: str | None = None
     """Unit of the signal, % or 1 for a share; default: the unit of the DBC."""
-    not_available: list[RawKey] | None = None
-    """Raw values, or names of the DBC's value table, that mean "no value"."""
+    not_available: NotAvailable | None = None
+    """Raw values, or names of the DBC's value table, that mean "no value"; value_table: all that it names."""
     timeout_ms: TimeoutMs = 5000.0
     """Age up to which its latest value counts, ms."""
 
@@ -91,7 +97,30 @@ class MultiplierSection(Section):
         return TermSection(**common)
 
 
-class InputSection(Section):
+class ValiditySection(Section):
+    """One DBC signal that says whether an input is valid."""
+
+    signal: SignalName
+    """Message.Signal, by the names of the DBC; the section may be just this text."""
+    values: Annotated[list[RawKey], Field(min_length=1)] = [1]  # noqa: RUF012
+    """Raw values, or names of the DBC's value table, that mean valid; all others do not."""
+    timeout_ms: TimeoutMs = 5000.0
+    """Age up to which its latest value counts, ms."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        return {"signal": value} if isinstance(value, str) else value
+
+
+class ConditionalSection(Section):
+    """What an input of any form may have."""
+
+    valid_if: ValiditySection | None = None
+    """Signal that says whether the value is valid, in the same message or another one."""
+
+
+class InputSection(ConditionalSection):
     """One input: a signal, or a sum of signals; times another one, or divided by it."""
 
     signal: SignalName | None = None
@@ -110,8 +139,8 @@ class InputSection(Section):
     """Unit of the signal (of all signals of a sum); default: the unit of the DBC."""
     reference_nm: Annotated[float, Field(gt=0)] | None = None
     """Torque that is 100 %, N·m, for a torque in %."""
-    not_available: list[RawKey] | None = None
-    """Raw values, or names of the DBC's value table, that mean "no value"; for every signal of a sum."""
+    not_available: NotAvailable | None = None
+    """Raw values, or names of the value table, that mean "no value", for every signal of a sum; or value_table."""
     range: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
     """[lowest, highest] plausible value in the input's unit; default: the plausible range of the quantity."""
     timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
@@ -173,7 +202,7 @@ class SpeedSection(InputSection):
     """Whether it is negative when the car rolls backwards; default: no, until a negative value comes."""
 
 
-class GearSignalSection(Section):
+class GearSignalSection(ConditionalSection):
     """The signal with the gear that is engaged on one shaft."""
 
     signal: SignalName
@@ -189,7 +218,7 @@ class GearSignalSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
-class ShiftFlagSection(Section):
+class ShiftFlagSection(ConditionalSection):
     """A flag that says whether a shift is in progress."""
 
     signal: SignalName
@@ -204,7 +233,7 @@ class ShiftFlagSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
-class ClutchStateSection(Section):
+class ClutchStateSection(ConditionalSection):
     """One state for both clutches together."""
 
     signal: SignalName
@@ -217,7 +246,7 @@ class ClutchStateSection(Section):
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
 
 
-class DirectionSection(Section):
+class DirectionSection(ConditionalSection):
     """Which way the car goes, as its brakes or its gearbox tell it."""
 
     signal: SignalName | None = None
@@ -248,7 +277,7 @@ class DirectionSection(Section):
         return [*([] if self.signal is None else [self.signal]), *(self.signals or ())]
 
 
-class FlagSection(Section):
+class FlagSection(ConditionalSection):
     """A flag that says whether one clutch is open."""
 
     signal: SignalName
@@ -281,45 +310,3 @@ class CommandSection(InputSection):
     """Commanded torque above which the clutch carries torque, N·m."""
     hysteresis_nm: Annotated[float, Field(ge=0)]
     """Full width of the band around the threshold, N·m."""
-
-
-class ProtectionSection(Section):
-    """How one received message is protected."""
-
-    crc: Literal["none", "crc8_j1850", "e2e_p01", "e2e_p02"] = "none"
-    """Checksum: none, crc8_j1850 (over all bytes but its own), e2e_p01 or e2e_p02 (AUTOSAR)."""
-    crc_signal: str = ""
-    """The 8-bit checksum signal of the message."""
-    counter_signal: str = ""
-    """The alive counter signal of the message."""
-    counter_modulus: Annotated[int, Field(ge=2, le=65_536)] | None = None
-    """The counter runs 0..modulus-1; default: 15 for e2e_p01, else 16."""
-    max_counter_delta: Annotated[int, Field(ge=1, le=255)] = 3
-    """Largest accepted step of the counter; a step of 3 means that two frames were lost."""
-    data_id: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
-    """AUTOSAR data id, for e2e_p01."""
-    data_ids: Annotated[list[Annotated[int, Field(ge=0, le=0xFF)]], Field(min_length=16, max_length=16)] | None = (
-        None
-    )
-    """The 16 data ids, for e2e_p02."""
-
-    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
-        if self.crc == "none" and not self.counter_signal:
-            yield ("counter_signal",), "missing: a protection has a crc, a counter_signal, or both"
-        if self.crc != "none" and not self.crc_signal:
-            yield ("crc_signal",), f"missing: {self.crc} needs the signal that carries the checksum"
-        if self.crc == "none" and self.crc_signal:
-            yield ("crc_signal",), "has no effect without crc: crc8_j1850, e2e_p01 or e2e_p02"
-        if self.crc.startswith("e2e") and not self.counter_signal:
-            yield ("counter_signal",), f"missing: {self.crc} has an alive counter"
-        if self.crc == "e2e_p01" and self.data_id is None:
-            yield ("data_id",), "missing: e2e_p01 needs the data id of the message"
-        if self.crc == "e2e_p02" and self.data_ids is None:
-            yield ("data_ids",), "missing: e2e_p02 needs the 16 data ids of the message"
-        if self.max_counter_delta >= self.modulus:
-            yield ("max_counter_delta",), f"must be less than the counter's modulus ({self.modulus})"
-
-    @property
-    def modulus(self) -> int:
-        """The counter's modulus with its default."""
-        return self.counter_modulus or (15 if self.crc == "e2e_p01" else 16)

@@ -144,6 +144,19 @@ class Multiplier:
 
 
 @dataclass(frozen=True, slots=True)
+class Validity:
+    """A signal that says whether an input is valid.
+
+    Attributes:
+        term: the signal; its ``values`` are those raw values that mean "valid".
+        timeout_us: age up to which its latest value counts.
+    """
+
+    term: Term
+    timeout_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class Input:
     """One quantity as the sum of DBC signals, or as that times another signal.
 
@@ -159,6 +172,7 @@ class Input:
         delay_us: from when a sample is taken to the time of its frame.
         signs: of a speed of wheels or shafts, whether it has one.
         multiplier: what the sum is multiplied with, or divided by.
+        validity: what says whether it is valid.
     """
 
     quantity: Quantity
@@ -169,11 +183,12 @@ class Input:
     delay_us: int = 0
     signs: Signs = Signs.SIGNED
     multiplier: Multiplier | None = None
+    validity: Validity | None = None
 
     @property
     def signals(self) -> tuple[Term, ...]:
-        """All signals: those of the sum, and the multiplier."""
-        return self.terms if self.multiplier is None else (*self.terms, self.multiplier.term)
+        """All signals: those of the sum, the multiplier, and what says whether they are valid."""
+        return (*self.terms, *(each.term for each in (self.multiplier, self.validity) if each is not None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,12 +198,20 @@ class Protection:
     Attributes:
         message: name of the DBC message.
         counter_signal: name of the alive counter, or "" for none.
-        counter_modulus: the counter runs 0..modulus-1 (15 for AUTOSAR profile 1, else usually 16).
+        counter_modulus: the counter runs 0..modulus-1 (15 for AUTOSAR profiles 1 and 11, else mostly 16).
         max_counter_delta: largest accepted step; a repeated counter (step 0) is never accepted.
-        crc: "none", "crc8_j1850" (CRC over all bytes but the CRC's own), "e2e_p01" or "e2e_p02" (AUTOSAR).
-        crc_signal: name of the checksum signal, or "" for none; an 8-bit signal on a byte boundary.
-        data_id: AUTOSAR data id (profile 1), or 0.
+        crc: kind of checksum, one of `bus.protection.CRC_KINDS`.
+        crc_signal: name of the checksum signal, or "" for none.
+        data_id: AUTOSAR data id (profiles 1, 4, 5, 6, 7 and 11), or 0.
         data_ids: the 16 data ids of profile 2, or empty.
+        counter_high_signal: of a counter in two parts that with the upper bits, or "".
+        crc_high_signal: of a checksum in two parts that with the upper bits, or "".
+        data_id_mode: which part of the data id goes into profiles 1 and 11: "both" bytes, "low", "alternating"
+            (the low one with even counters, the high one with odd ones), or "nibble" (the low one; the four bits
+            above are sent).
+        crc_start: what the checksum starts with, None for that of its kind.
+        crc_xor: what is XORed to it at the end, None for that of its kind.
+        crc_bytes: how many first bytes of the message are covered, 0 for all.
     """
 
     message: str
@@ -199,3 +222,19 @@ class Protection:
     crc_signal: str = ""
     data_id: int = 0
     data_ids: tuple[int, ...] = ()
+    counter_high_signal: str = ""
+    crc_high_signal: str = ""
+    data_id_mode: str = "both"
+    crc_start: int | None = None
+    crc_xor: int | None = None
+    crc_bytes: int = 0
+
+    @property
+    def counter_signals(self) -> tuple[str, ...]:
+        """The signals of the counter, that with the lower bits first."""
+        return tuple(filter(None, (self.counter_signal, self.counter_high_signal)))
+
+    @property
+    def crc_signals(self) -> tuple[str, ...]:
+        """The signals of the checksum, that with the lower bits first."""
+        return tuple(filter(None, (self.crc_signal, self.crc_high_signal)))

@@ -115,7 +115,7 @@ CORRELATED_S = 1.0
 PRIOR_ERROR = 2.0
 """Standard deviation of both factors before anything is known: nothing is believed of them."""
 APART_S = 0.5
-"""Seconds of these in which the engine turned apart from the car; locked to it, its inertia is not told from the car's."""
+"""Seconds of them with the engine turning apart from the car: locked to it, only the sum of inertias shows."""
 REGRESSION_S = 10.0
 """Seconds of equations that a verdict needs."""
 SMOOTH_S = 0.2

@@ -61,6 +61,10 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
         return {"quantity": row["quantity"], "signal": "not given", "while missing": row["lost"]}
     conversions = map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])
     signal, conversion, timeout = _multiplied(row["multiplier"])
+    if row["valid_if"] is not None:
+        values = " or ".join(map(str, row["valid_if"]["values"]))
+        signal.append(f"if {row['valid_if']['signal']} = {values}")
+        timeout += f"\nif {row['valid_if']['timeout_ms']:g} ms"
     return {
         "quantity": row["quantity"],
         "signal": "\n".join([*row["signals"], *signal]),
