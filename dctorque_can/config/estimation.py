@@ -234,7 +234,7 @@ class KalmanSection(Section):
     """Torque that a clutch may carry at its kissing point, if it is not where it is told, N·m."""
     open_drag_error_nms_per_rad: Annotated[float, Field(ge=0, le=1)] = 0.02
     """By how much that drag may lastingly be another than ``drag_nms_per_rad``, N·m·s/rad."""
-    spin_loss_error_nm: Annotated[float, Field(ge=0, le=100)] = 0.2
+    spin_loss_error_nm: Annotated[float, Field(ge=0, le=100)] = 1.0
     """By how much the spin loss of an input shaft may lastingly be another than ``spin_loss_nm``, N·m."""
     spin_loss_error_nms_per_rad: Annotated[float, Field(ge=0, le=1)] = 0.01
     """… and its growth with the speed another than ``spin_loss_nms_per_rad``, N·m·s/rad."""
