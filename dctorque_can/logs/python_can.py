@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext, suppress
 from io import IOBase
 from pathlib import Path
+from typing import Any
 
 import can
 
@@ -44,6 +45,7 @@ class PythonCanFrames:
         try:
             with self._listening():
                 self._reader = can.LogReader(path)
+                _check_channels(self._reader)
         except NotImplementedError as error:
             raise LogReadError(
                 f"{path}: reading MF4 needs asammdf; install it with: pip install 'dctorque-can[mf4]'"
@@ -145,6 +147,21 @@ def _batches(
             problems.append(f"{path}: reading stopped after {count} frames: {_words(failure)}")
         if failure is not None or len(batch) < _BATCH:
             return
+
+
+def _check_channels(reader: Any) -> None:
+    """Check that each channel of an MF4 lies within its records, of which asammdf's machine code reads it unasked.
+
+    Raises:
+        ValueError: one does not, and would be read out of memory that is not the file's.
+    """
+    for number, group in enumerate(reader._mdf.groups):
+        record = group.channel_group.samples_byte_nr
+        for channel in group.channels:
+            end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8
+            if end > record:
+                name = f"{channel.name!r} of group {number}"
+                raise ValueError(f"the channel {name} ends at byte {end} of records of {record} bytes")
 
 
 def _release(error: Exception) -> None:
