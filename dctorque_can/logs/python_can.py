@@ -5,10 +5,9 @@ from __future__ import annotations
 import itertools
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from io import IOBase
 from pathlib import Path
-from typing import Any
 
 import can
 
@@ -44,9 +43,9 @@ class PythonCanFrames:
         give_asammdf()
         try:
             with self._listening():
+                _check_channels(path)
                 self._reader = can.LogReader(path)
-                _check_channels(self._reader)
-        except NotImplementedError as error:
+        except (ImportError, NotImplementedError) as error:
             raise LogReadError(
                 f"{path}: reading MF4 needs asammdf; install it with: pip install 'dctorque-can[mf4]'"
             ) from error
@@ -149,19 +148,25 @@ def _batches(
             return
 
 
-def _check_channels(reader: Any) -> None:
+def _check_channels(path: Path) -> None:
     """Check that each channel of an MF4 lies within its records, of which asammdf's machine code reads it unasked.
 
+    That begins while python-can opens the file, so the file is opened apart, without looking into its bus logging.
+
     Raises:
+        ImportError: asammdf is not installed.
         ValueError: one does not, and would be read out of memory that is not the file's.
     """
-    for number, group in enumerate(reader._mdf.groups):
-        record = group.channel_group.samples_byte_nr
-        for channel in group.channels:
-            end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8
-            if end > record:
-                name = f"{channel.name!r} of group {number}"
-                raise ValueError(f"the channel {name} ends at byte {end} of records of {record} bytes")
+    from asammdf import MDF
+
+    with closing(MDF(path, process_bus_logging=False)) as file:
+        for number, group in enumerate(file.groups):
+            record = group.channel_group.samples_byte_nr
+            for channel in group.channels:
+                end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8
+                if end > record:
+                    name = f"{channel.name!r} of group {number}"
+                    raise ValueError(f"the channel {name} ends at byte {end} of records of {record} bytes")
 
 
 def _release(error: Exception) -> None:

@@ -164,6 +164,7 @@ def main() -> None:
         return HERE / room / name
 
     shipped = {path.stem: without_comments(path.read_text()) for path in (ROOT / "config").glob("*.yaml")}
+    shipped["oh2014"] = shipped["paper_car"].replace("estimator:", "estimator:\n  method: oh2014")
     for room, texts, suffix in (
         ("asc", ASC, ".asc"),
         ("candump", CANDUMP, ".log"),
