@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from io import IOBase
 from pathlib import Path
+from typing import Any
 
 import can
 
@@ -159,8 +160,9 @@ def _check_channels(path: Path) -> None:
     """
     from asammdf import MDF
 
-    with closing(MDF(path, process_bus_logging=False)) as file:
-        for number, group in enumerate(file.groups):
+    with closing(MDF(path, process_bus_logging=False)) as file:  # type: ignore[call-arg]
+        groups: Any = file.groups
+        for number, group in enumerate(groups):
             record = group.channel_group.samples_byte_nr
             for channel in group.channels:
                 end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8

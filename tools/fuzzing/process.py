@@ -56,6 +56,9 @@ class Trial:
         for seed in self._room.seed_files():
             self._path.write_bytes(seed.read_bytes())
             self._room.try_file(self._path)
+
+    def begin(self) -> None:
+        """Let the time run."""
         self._until = time.monotonic() + self._options.seconds
 
     def one(self, data: bytes) -> None:
@@ -118,8 +121,12 @@ class Trial:
 def instrument(modules: tuple[str, ...]) -> int:
     """Let the functions of the package, and of some modules, tell atheris which way they go; return how many do.
 
-    Not at their import, as atheris proposes: numba compiles what is written, not what atheris makes of it. So what
-    is compiled stays as it is, and everything around it is instrumented in place.
+    Not at their import, as atheris proposes: numba compiles what is written, not what atheris makes of it. So
+    what is compiled stays as it is, and everything around it is instrumented in place. With
+    NUMBA_DISABLE_JIT=1 the loops are instrumented too; the next run without it reads what that one kept,
+    compiled and checked. Of MCAP (20 s each, a busy machine) 4261 files were read compiled and 2552 not, at
+    403 and 472 places. Compiled is the rule: what an unchecked index would damage is compiled code, and
+    numpy's scalars wrap round where the compiled ones do not.
     """
     count = 0
     for name, module in list(sys.modules.items()):
@@ -197,6 +204,7 @@ def main() -> None:
         ),
     ]
     atheris.Setup([sys.argv[0], *arguments], trial.one, custom_mutator=mutate)
+    trial.begin()
     atheris.Fuzz()
 
 

@@ -121,7 +121,7 @@ ROOMS = {
     "gz": _log("gz", "x.log.gz", mutators.gzipped),
     "blf": _log("blf", "x.blf", mutators.blf, "can.io.blf"),
     "mcap": _log("mcap", "x.mcap", mutators.mcap),
-    "mf4": _log("mf4", "x.mf4", mutators.bytes_only, "can.io.mf4", "asammdf.blocks.mdf_v4"),
+    "mf4": _log("mf4", "x.mf4", mutators.bytes_only, "can.io.mf4"),
     "recover": Room("x.mcap", (SEEDS / "mcap",), recover_log, mutators.mcap),
     "configuration": Room("x.yaml", (SEEDS / "configuration",), use_vehicle_file, mutators.lines),
     "dbc": Room("x.dbc", (SEEDS / "dbc",), load_dbc, mutators.lines, ("cantools.database.can.formats.dbc",)),
