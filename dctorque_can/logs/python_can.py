@@ -15,6 +15,7 @@ import can
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.late_asammdf import give_asammdf
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.logs.mf4_links import check_links
 from dctorque_can.logs.text.line_source import LineSource
 from dctorque_can.logs.text.lines import Lines, each_message, warnings_of
 from dctorque_can.logs.text.unzip import text_of
@@ -44,6 +45,7 @@ class PythonCanFrames:
         give_asammdf()
         try:
             with self._listening():
+                check_links(path)
                 _check_channels(path)
                 self._reader = can.LogReader(path)
         except (ImportError, NotImplementedError) as error:

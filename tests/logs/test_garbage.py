@@ -110,6 +110,20 @@ def test_mf4_with_a_channel_beyond_its_records_is_refused(tmp_path):
         open_log(path)
 
 
+@pytest.mark.parametrize("kind", [b"##DG", b"##CG", b"##CN"])
+def test_mf4_whose_blocks_follow_each_other_in_a_ring_is_refused(tmp_path, kind):
+    """Found by tools/fuzz: asammdf goes round for ever."""
+    pytest.importorskip("asammdf")
+    path = tmp_path / "x.mf4"
+    write_frames(path, some_frames(fd=False))
+    content = bytearray(path.read_bytes())
+    at = content.index(kind)
+    content[at + 24 : at + 32] = at.to_bytes(8, "little")  # its next one is itself
+    path.write_bytes(content)
+    with pytest.raises(LogReadError, match=rf"two links lead to the block at byte {at}"):
+        open_log(path)
+
+
 def read_or_refuse(path) -> bool:
     try:
         with open_log(path) as log:
