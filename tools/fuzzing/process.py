@@ -43,7 +43,8 @@ class Trial:
         self._room = room
         self._path = (beside_databases(folder) if room.file.endswith(".yaml") else folder) / room.file
         self._options = options
-        self._known = {path.read_bytes() for path in room.seed_files()}
+        begun = [*room.seed_files(), *Path(options.corpus).iterdir()]
+        self._known = {path.read_bytes() for path in begun}  # read again, but not counted again
         self._found: dict[str, str] = {}
         self._until = 0.0
         self._told = 0.0
@@ -63,15 +64,16 @@ class Trial:
 
     def one(self, data: bytes) -> None:
         self._path.write_bytes(data)
+        new = data not in self._known
         began = time.process_time()  # of a busy machine's time we may get a small share
         try:
-            self.taken += self._room.try_file(self._path)
+            self.taken += self._room.try_file(self._path) and new
         except Exception as error:  # noqa: BLE001 - this is what is looked for
             self._note(error, data)
         lasted = time.process_time() - began
         if lasted > self._options.hang:
             self._note(TimeoutError(f"{lasted:.1f} s of processor time"), data)
-        self.count += data not in self._known
+        self.count += new
         if lasted > self.slowest_s:
             self.slowest_s = lasted
             Path(self._options.found, "slowest").write_bytes(data)
