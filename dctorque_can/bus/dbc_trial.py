@@ -15,6 +15,16 @@ from dctorque_can.bus.dbc_text import Statement
 MOST_TRIALS = 4_000
 """Of one file; one takes about a millisecond."""
 
+LARGEST_MESSAGE = 4095
+"""Bytes: what ISO-TP can carry, more than J1939's 1785. cantools takes memory and time for every bit of it."""
+
+MOST_SELECTORS = 4096  # of one signal; for each of them cantools makes a way to read the message
+
+_SIZES = re.compile(
+    r"\bBO_\s+\d+\s+\w+\s*:\s*(?P<bytes>\d+)"
+    r"|\bSG_\s+\w+\s*\w*\s*:\s*(?P<start>\d+)\s*\|\s*(?P<length>\d+)"
+    r"|\bSG_MUL_VAL_\s+\d+\s+\w+\s+\w+\s(?P<ranges>[\s\d,-]+)"
+)
 _LOG = logging.getLogger("cantools.database.can.database")
 _AT_LINE = re.compile(r"\bat line (\d+), column (\d+)")
 
@@ -24,9 +34,14 @@ def _nothing(record: logging.LogRecord) -> bool:
     return False
 
 
+_LOG.addFilter(_nothing)
+
+
 def parse(text: str, strict: bool) -> tuple[Database | None, str]:
     """Return the database of a DBC's text, or None and why there is none."""
-    _LOG.addFilter(_nothing)
+    too_large = _too_large(text)
+    if too_large:
+        return None, too_large
     try:
         database = cantools.database.load_string(text, "dbc", strict=strict)
     except cantools.Error as error:
@@ -39,10 +54,35 @@ def parse(text: str, strict: bool) -> tuple[Database | None, str]:
         return None, " ".join(str(cause).split()).rstrip(".") or type(cause).__name__
     except RecursionError:
         return None, "nested too deeply"
-    finally:
-        _LOG.removeFilter(_nothing)
     assert isinstance(database, Database)
     return database, ""
+
+
+def _too_large(text: str) -> str:
+    """Return which number is larger than cantools should see, or ""."""
+    for size in _SIZES.finditer(text):
+        for what, most, unit in (("bytes", LARGEST_MESSAGE, "bytes"), ("length", 8 * LARGEST_MESSAGE, "bits")):
+            if _number(size[what]) > most:
+                return f"{size[what]} {unit} are more than {most}, the most {_place(text, size.start(what))}"
+        if _number(size["start"]) >= 8 * LARGEST_MESSAGE:
+            return f"bit {size['start']} is beyond the largest message {_place(text, size.start('start'))}"
+        ranges = re.findall(r"(\d+)\s*-\s*(\d+)", size["ranges"] or "")
+        values = sum(_number(last) - _number(first) + 1 for first, last in ranges)
+        if values > MOST_SELECTORS:
+            return (
+                f"{values} multiplexer values are more than {MOST_SELECTORS} {_place(text, size.start('ranges'))}"
+            )
+    return ""
+
+
+def _number(digits: str | None) -> int:
+    """Return a number, of which more digits than any that is right has are not looked at."""
+    return int((digits or "0").lstrip("0")[:20] or "0")
+
+
+def _place(text: str, position: int) -> str:
+    """Return where something stands in the words of cantools."""
+    return f"at line {text.count(chr(10), 0, position) + 1}, column {position - text.rfind(chr(10), 0, position)}"
 
 
 class TooManyFaultsError(Exception):

@@ -5,15 +5,17 @@ from __future__ import annotations
 import itertools
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from io import IOBase
 from pathlib import Path
+from typing import Any
 
 import can
 
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.late_asammdf import give_asammdf
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
+from dctorque_can.logs.mf4_links import check_links
 from dctorque_can.logs.text.line_source import LineSource
 from dctorque_can.logs.text.lines import Lines, each_message, warnings_of
 from dctorque_can.logs.text.unzip import text_of
@@ -43,8 +45,10 @@ class PythonCanFrames:
         give_asammdf()
         try:
             with self._listening():
+                check_links(path)
+                _check_channels(path)
                 self._reader = can.LogReader(path)
-        except NotImplementedError as error:
+        except (ImportError, NotImplementedError) as error:
             raise LogReadError(
                 f"{path}: reading MF4 needs asammdf; install it with: pip install 'dctorque-can[mf4]'"
             ) from error
@@ -145,6 +149,28 @@ def _batches(
             problems.append(f"{path}: reading stopped after {count} frames: {_words(failure)}")
         if failure is not None or len(batch) < _BATCH:
             return
+
+
+def _check_channels(path: Path) -> None:
+    """Check that each channel of an MF4 lies within its records, of which asammdf's machine code reads it unasked.
+
+    That begins while python-can opens the file, so the file is opened apart, without looking into its bus logging.
+
+    Raises:
+        ImportError: asammdf is not installed.
+        ValueError: one does not, and would be read out of memory that is not the file's.
+    """
+    from asammdf import MDF
+
+    with closing(MDF(path, process_bus_logging=False)) as file:  # type: ignore[call-arg]
+        groups: Any = file.groups
+        for number, group in enumerate(groups):
+            record = group.channel_group.samples_byte_nr
+            for channel in group.channels:
+                end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8
+                if end > record:
+                    name = f"{channel.name!r} of group {number}"
+                    raise ValueError(f"the channel {name} ends at byte {end} of records of {record} bytes")
 
 
 def _release(error: Exception) -> None:

@@ -1,5 +1,6 @@
 """DBCs that cantools refuses: what is not needed never costs the file, what is needed is told with its line."""
 
+import time
 from pathlib import Path
 
 import cantools
@@ -280,3 +281,41 @@ def test_one_fault_among_thousands_of_messages():
 def test_more_faults_than_can_be_told_one_by_one():
     text = GOOD + "".join(f'CM_ SG_ 256 Speed "a" {k};\n' for k in range(3000))
     assert failure(text)[0].endswith("has more faults than can be told one by one; is this a DBC file?")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ("Engine: 8", "Engine: 800000", "x.dbc:11: 800000 bytes are more than 4095, the most in column 17"),
+        (": 0|16@", " : 2147483648|16@", "x.dbc:12: bit 2147483648 is beyond the largest message in column 15"),
+        ("0|16@", "0|" + "9" * 5000 + "@", "x.dbc:12: 9"),
+        (
+            "VAL_ 257",
+            "SG_MUL_VAL_ 256 Speed Torque 0-1, 7-99999999;\nVAL_ 257",
+            "x.dbc:20: 99999995 multiplexer values are more than 4096 in column 30",
+        ),
+    ],
+)
+def test_sizes_that_would_cost_memory_and_time_are_told_with_their_line(before, after, said):
+    """Found by tools/fuzz: cantools takes gigabytes and minutes for one such number, for it believes them all."""
+    text = GOOD.replace(before, after, 1)
+    began = time.process_time()
+    assert failure(text, needed=None)[0].startswith(said)
+    lamp = Needed(frozenset({"Lamp"}), frozenset({"Lamp.Colour"}))
+    loaded = load(text, lamp)
+    assert names(loaded)["Lamp"] == WHOLE["Lamp"]
+    assert remarks(loaded)[0].startswith(said)
+    assert time.process_time() - began < 5.0
+
+
+def test_a_message_of_iso_tp_is_read():
+    text = GOOD.replace("Engine: 8", "Engine: 4095").replace("16|12@", "32748|12@")
+    assert names(load(text)) == WHOLE
+
+
+def test_doubled_messages_with_names_that_were_mended_are_not_told_twice(capfd, caplog):
+    """Found by tools/fuzz: cantools' own warning came too, without file and line."""
+    text = GOOD.replace("Lamp", "2Lamp") + 'BO_ 258 Engine: 8 ECU\n SG_ Speed : 0|8@1+ (1,0) [0|0] "" ECU\n'
+    assert any("Engine" in each for each in remarks(load(text)))
+    assert caplog.text == ""
+    assert capfd.readouterr().err == ""

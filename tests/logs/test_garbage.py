@@ -94,6 +94,36 @@ def test_mutilated_mf4_gives_frames_or_one_refusal_and_never_a_traceback(tmp_pat
     assert capfd.readouterr().err == ""
 
 
+def test_mf4_with_a_channel_beyond_its_records_is_refused(tmp_path):
+    """Found by tools/fuzz: asammdf's machine code reads at a channel's offset unasked."""
+    pytest.importorskip("asammdf")
+    path = tmp_path / "x.mf4"
+    write_frames(path, some_frames(fd=False))
+    content = bytearray(path.read_bytes())
+    at = content.index(b"##CN")  # its byte offset stands behind 24 bytes of head, 8 links and 4 bytes
+    assert int.from_bytes(content[at + 16 : at + 24], "little") == 8
+    content[at + 24 + 8 * 8 + 4 : at + 24 + 8 * 8 + 8] = (65_008).to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(
+        LogReadError, match=r"the channel '\S+' of group \d ends at byte 650\d\d of records of \d+ bytes"
+    ):
+        open_log(path)
+
+
+@pytest.mark.parametrize("kind", [b"##DG", b"##CG", b"##CN"])
+def test_mf4_whose_blocks_follow_each_other_in_a_ring_is_refused(tmp_path, kind):
+    """Found by tools/fuzz: asammdf goes round for ever."""
+    pytest.importorskip("asammdf")
+    path = tmp_path / "x.mf4"
+    write_frames(path, some_frames(fd=False))
+    content = bytearray(path.read_bytes())
+    at = content.index(kind)
+    content[at + 24 : at + 32] = at.to_bytes(8, "little")  # its next one is itself
+    path.write_bytes(content)
+    with pytest.raises(LogReadError, match=rf"two links lead to the block at byte {at}"):
+        open_log(path)
+
+
 def read_or_refuse(path) -> bool:
     try:
         with open_log(path) as log:

@@ -23,13 +23,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import IntEnum
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.driveline.parameters import STANDARD_GRAVITY, Gear, Vehicle
+from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators.kalman.design import KalmanDesign
 
 Floats = NDArray[np.float64]
@@ -287,6 +288,9 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
         vehicle: parameters.
         design: noise and times.
         table_size: number of gear numbers + 1 that ``row`` must hold.
+
+    Raises:
+        DctorqueError: with these parameters the model moves so fast that its steps are no numbers.
     """
     pairs = list(product(*([0, *(gear.number for gear in vehicle.gears_on(i))] for i in (1, 2))))
     row = np.full((table_size, table_size), -1, np.int64)
@@ -305,7 +309,15 @@ def tables(vehicle: Vehicle, design: KalmanDesign, table_size: int) -> Tables:
     intensity[3, T_X, T_X] = intensity[4, T_V, T_V] = 1.0
     intensity[5, DT_E, DT_E] = 2.0 / design.engine_torque_error_time_s
     steps = np.zeros((len(A), len(STEPS_US)), STEP)
-    for step, (F, b, Q) in enumerate(discrete(A, B, intensity)):
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = discrete(A, B, intensity)
+    for number, pair in enumerate(pairs):
+        if not all(np.isfinite(array[..., 4 * number : 4 * number + 4, :, :]).all() for array in chain(*found)):
+            raise DctorqueError(
+                f"vehicle: with gears {pair[0]} and {pair[1]} (0: neutral) its motions are too fast to be "
+                "computed; is an inertia too small, or a ratio, stiffness or damping too large?"
+            )
+    for step, (F, b, Q) in enumerate(found):
         at = steps[:, step]
         at["phi"], at["input"] = F, b[..., 0]
         at["losses"] = b[:, CAR, 1:].transpose(0, 2, 1)

@@ -154,7 +154,7 @@ def read_objects(
                 continue
         if flag & _REMOTE:
             there = 0
-        if there > payload.shape[1]:
+        if not flag & _REMOTE and count > payload.shape[1]:  # also where less is there
             return row, start, TOO_NARROW, left_out, lost
         t_us[row] = _microseconds(ticks, little_endian(data, start + 16, 4) == _TEN_MICROSECONDS, start_s)
         can_id[row] = (identifier & 0x1FFFFFFF) | (_EXTENDED if identifier & _EXTENDED else 0)

@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from dctorque_can.config.load import load_config
 from dctorque_can.driveline import compliant, conventional
 from dctorque_can.driveline.gear_pair import GearPair
+from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators.kalman import model
 from dctorque_can.estimators.kalman.model import STEPS_US, N, State
 from dctorque_can.resources import shipped_config
@@ -178,3 +179,11 @@ def test_tables_hold_every_pair_and_nothing_else():
     found = {(g1 - 1, g2 - 1) for g1 in range(10) for g2 in range(10) if t.row[g1, g2] >= 0}
     assert found == pairs
     assert sorted(t.row[t.row >= 0]) == list(range(0, 4 * len(pairs), 4))
+
+
+def test_a_driveline_too_fast_for_numbers_is_refused_with_its_gears():
+    """Found by tools/fuzz: its steps overflowed, and the filter would have started anew at every frame."""
+    settings = CARS["paper_car"]
+    gears = [replace(gear, final_drive=32767.0) if gear.number == 3 else gear for gear in settings.vehicle.gears]
+    with pytest.raises(DctorqueError, match=r"gears 3 and 0 .* too fast to be computed"):
+        model.tables(replace(settings.vehicle, gears=tuple(gears)), settings.kalman, 12)

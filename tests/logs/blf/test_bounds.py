@@ -124,3 +124,12 @@ def test_more_blf_frames_than_rows_at_once(tmp_path, monkeypatch):
     frames, log = read(write_blf(tmp_path / "x.blf", container(b"".join(map(can_message, range(10))))))
     assert log.problems == []
     assert frames.can_id.tolist() == list(range(10))
+
+
+def test_a_length_lies_within_the_row_also_where_less_data_are_there(tmp_path):
+    """Found by tools/fuzz: a CAN FD 64 object told 64 bytes, had 4, and came out with length 64 in a row of 8."""
+    head = struct.pack("<BBBBLLLLLLLHBBL", 1, 15, 64, 0, 7, 0, 0x1000, *[0] * 8)
+    frames, _ = read(write_blf(tmp_path / "x.blf", container(blf_object(101, head + b"abcd"))))
+    assert frames.length.tolist() == [64]
+    assert frames.data.shape == (1, 64)
+    assert bytes(frames.data[0]) == b"abcd" + bytes(60)

@@ -1,0 +1,1 @@
+"""What `tools/fuzz` feeds: rooms, mutators, and the process in which atheris runs."""
