@@ -15,6 +15,7 @@ from dctorque_can.config.section import Section
 
 LAST_STANDARD_ID = 0x7FF
 LAST_EXTENDED_ID = 0x1FFF_FFFF
+ChannelNumber = Annotated[int, Field(ge=0, le=255)]
 
 
 class CanSection(Section):
@@ -94,8 +95,16 @@ class DatabaseSection(Section):
     """Path of the DBC, relative to this file."""
     strict: bool = True
     """false: accept overlapping signals and signals beyond the end of a message."""
-    channel: Annotated[int, Field(ge=0, le=255)] | None = None
-    """Channel of a log that its messages are on, from 0; default: any. A live bus is one channel."""
+    channel: ChannelNumber | None = None
+    """Channel that its messages are on, of a log or a live bus, from 0; default: any."""
+    j1939: bool | None = None
+    """Whether its messages of 29 bits are known by their parameter group number; default: as the DBC says."""
+    source_addresses: dict[str, Annotated[int, Field(ge=0, le=255)]] = Field(default_factory=dict)
+    """Message name to the one J1939 source address from which it is taken; default: any."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.source_addresses and self.j1939 is False:
+            yield ("source_addresses",), "needs messages of J1939: leave j1939: false out"
 
 
 @dataclass(frozen=True, slots=True)

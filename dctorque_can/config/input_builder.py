@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from cantools.database.can import Database, Message, Signal
 
-from dctorque_can.bus.problems import input_problems
+from dctorque_can.bus.problems import input_problems, shared_frames
 from dctorque_can.config.dbc_signal import can_be_negative
 from dctorque_can.config.document import Document
 from dctorque_can.config.inputs import ANY, PLAUSIBLE
@@ -27,6 +27,7 @@ from dctorque_can.config.signals import (
     TermSection,
 )
 from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit, share_of
+from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import Input, Multiplier, Protection, Quantity, Signs, Term
 
 SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no value", "fault", "error")
@@ -65,8 +66,15 @@ class _Factored(NamedTuple):
 class InputBuilder:
     """Turns the sections of signals into inputs; whatever does not fit the DBC goes to the document's problems."""
 
-    def __init__(self, document: Document, database: Database | None, wheel_radius_m: float):
+    def __init__(
+        self,
+        document: Document,
+        database: Database | None,
+        addresses: Mapping[str, Address],
+        wheel_radius_m: float,
+    ):
         self._document = document
+        self._addresses = addresses
         self._messages: dict[str, Message] = {m.name: m for m in database.messages} if database else {}
         self._database = database
         self._wheel_radius_m = wheel_radius_m
@@ -153,6 +161,16 @@ class InputBuilder:
                 self._warn(path, "has no effect: no input comes from this message")
         return protection
 
+    def check_together(self) -> None:
+        """Report where one frame would be two of the messages that the inputs read."""
+        if self._database is None:
+            return
+        inputs = [entry.input for entry in self.entries]
+        for problem in shared_frames(self._database, inputs, self._addresses):
+            of_message = (e for e in self.entries if any(t.message == problem.message for t in e.input.signals))
+            path = tuple(next(of_message).key.split("."))
+            self._complain(self._place(path, problem.message, ""), f"{problem.message} {problem.reason}")
+
     def _multiplier(self, path: KeyPath, section: InputSection, dimension: Dimension) -> _Factored | None:
         """Return what an input is multiplied with, or divided by."""
         if section.multiplier is None:
@@ -193,7 +211,7 @@ class InputBuilder:
         multiplier_unit: str = "",
     ) -> None:
         if self._database is not None:
-            for problem in input_problems(self._database, (given,), ()):
+            for problem in input_problems(self._database, (given,), (), self._addresses):
                 self._complain(
                     self._place(path, problem.message, problem.signal), problem.reason, problem.suggestions
                 )

@@ -17,6 +17,7 @@ from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import ConfigError, Problem
 from dctorque_can.config.section import absent, nearest, problem_order, validate
+from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import Input, Protection
 from dctorque_can.pipeline.settings import Settings
 
@@ -49,6 +50,8 @@ class Config:
         logging: the log.
         documents: vehicle file, DBCs and overrides as they were loaded; `load_documents` reads them again.
         entries: the inputs with their keys, units and periods, for people.
+        reorder_us: window within which frames of logs are sorted; None: as their origin asks for.
+        addresses: by what the frames of each message are known, by its name.
         warnings: what is doubtful but usable.
     """
 
@@ -63,7 +66,7 @@ class Config:
     documents: dict[str, bytes]
     entries: tuple[InputEntry, ...]
     reorder_us: int | None
-    channels: dict[int, int]
+    addresses: dict[str, Address]
     warnings: tuple[Problem, ...]
 
     @property
@@ -155,7 +158,7 @@ def _load(
         documents[path.stem + OVERRIDES_SUFFIX] = _quoted(overrides)
     files = DatabaseFiles(document, documents, read, among_documents)
     database = files.vehicle()
-    parts = build_parts(document, database)
+    parts = build_parts(document, database, files.addresses)
     can = validate(document, ("can",), CanSection)
     logging = validate(document, ("logging",), LoggingSection)
     output = files.output(database)
@@ -180,7 +183,7 @@ def _load(
         documents=documents,
         entries=parts.entries,
         reorder_us=parts.reorder_us,
-        channels=files.channels,
+        addresses=files.addresses,
         warnings=tuple(problems),
     )
 

@@ -139,7 +139,7 @@ def simulate_car(
     vehicle = config.settings.vehicle
     truth = simulate(vehicle, drive_of(config, drive, seed, duration_s), progress=progress)
     sensors = replace(sensors_of(config, profile, seed), unsigned=UNSIGNED[unsigned])
-    frames = emit_frames(truth, vehicle, sensors, config.database, start_us=START_US)
+    frames = emit_frames(truth, vehicle, sensors, config.database, START_US, config.addresses)
     name = f"{drive} drive, {profile} signals, seed {seed}"
     if unsigned is not Unsigned.NONE:
         name += f", unsigned {unsigned}"

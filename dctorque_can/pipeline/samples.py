@@ -118,6 +118,7 @@ class Term:
         offset: added after ``factor``, SI.
         not_available: raw (undecoded) values that mean "no value".
         values: raw value to value, instead of the DBC's scaling; a raw value that is missing here is "no value".
+        channel: on which its message counts; None: where the database of the message is.
     """
 
     message: str
@@ -126,6 +127,7 @@ class Term:
     offset: float = 0.0
     not_available: frozenset[int] = frozenset()
     values: dict[int, float] = field(default_factory=dict)
+    channel: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

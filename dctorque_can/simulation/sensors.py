@@ -17,10 +17,11 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
+from dctorque_can.bus.addresses import address_of
 from dctorque_can.bus.encoder import MessageEncoder
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
+from dctorque_can.pipeline.frames import Address, Frames
 from dctorque_can.pipeline.samples import Protection
 from dctorque_can.simulation.messages import COLUMNS, Sampled
 from dctorque_can.simulation.one_gear import GearChange
@@ -199,6 +200,7 @@ class FrameEmitter:
             the unit measures rad/s and multiplies.
         profile: how the car measures and sends.
         database: with the messages of demo_car.dbc.
+        addresses: identifier and channel on which a message is sent, by its name, where they are not the DBC's.
 
     Raises:
         DctorqueError: the database lacks a message, or the profile names one that no sensor fills.
@@ -207,6 +209,7 @@ class FrameEmitter:
     vehicle: Vehicle
     profile: SensorProfile
     database: Database
+    addresses: Mapping[str, Address] = field(default_factory=dict)
     _encoders: dict[str, MessageEncoder] = field(init=False)
     _random: dict[str, np.random.Generator] = field(init=False)
 
@@ -233,7 +236,7 @@ class FrameEmitter:
                 counter_modulus=15,
                 crc="e2e_p01",
                 crc_signal=f"{name}Crc",
-                data_id=message.frame_id,
+                data_id=message.frame_id & 0xFFFF,
             )
             self._encoders[name] = MessageEncoder(message, protection)
             self._random[name] = np.random.default_rng([self.profile.seed, message.frame_id])
@@ -263,7 +266,9 @@ class FrameEmitter:
         frames = Frames.empty(len(at_us))
         late = timing.delay_us + random.integers(0, timing.jitter_us, len(at_us), endpoint=True)
         frames.t_us[:] = at_us - first + start_us + late
-        frames.can_id[:] = message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0)
+        address = address_of(message, self.addresses)
+        frames.can_id[:] = address.can_id
+        frames.channel[:] = address.channel or 0
         frames.length[:] = message.length
         frames.data[:, : message.length] = payload
         return frames
@@ -275,13 +280,14 @@ def emit_frames(
     profile: SensorProfile,
     database: Database,
     start_us: int = 0,
+    addresses: Mapping[str, Address] | None = None,
 ) -> Frames:
     """Return the CAN frames of one drive, sorted by arrival; see `FrameEmitter`.
 
     Raises:
         DctorqueError: the database lacks a message of the demo car.
     """
-    return FrameEmitter(vehicle, profile, database).emit(truth, start_us)
+    return FrameEmitter(vehicle, profile, database, addresses or {}).emit(truth, start_us)
 
 
 def length_us(truth: NDArray[np.void]) -> int:

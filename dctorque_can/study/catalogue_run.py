@@ -81,7 +81,7 @@ class CatalogueBench:
         drive = drive_of(config, DriveName.PAPER, 0, 0.1)
         truth = simulate(config.settings.vehicle, drive)
         sensors = sensors_of(config, self._setup.profile, 0)
-        emit_frames(truth, config.settings.vehicle, sensors, config.database)
+        emit_frames(truth, config.settings.vehicle, sensors, config.database, addresses=config.addresses)
 
     def run(self, number: int, values: Mapping[str, float]) -> Record:
         """Return what the estimates of one case are worth, or why there are none.
@@ -118,7 +118,9 @@ class CatalogueBench:
         def make() -> tuple[Frames, NDArray[np.void]]:
             truth = simulate(car.vehicle, car.drive, car.powertrain)
             # The wheel signals are made with the radius of the nominal car: control units have it coded.
-            return emit_frames(truth, nominal, car.sensors, config.database), judged(truth)
+            return emit_frames(truth, nominal, car.sensors, config.database, addresses=config.addresses), judged(
+                truth
+            )
 
         documents = setup.documents[case.vehicle, case.signals]
         databases = sorted((n, c) for n, c in documents.items() if not n.endswith((".yaml", ".yml")))

@@ -110,7 +110,13 @@ class Bench:
         """Compile everything, or load it where it is compiled already."""
         Chain(self._config).warm_up()
         truth = simulate(self.nominal.vehicle, replace(self.nominal.drive, duration_s=0.1))
-        emit_frames(truth, self.nominal.vehicle, self.nominal.sensors, self._config.database)
+        emit_frames(
+            truth,
+            self.nominal.vehicle,
+            self.nominal.sensors,
+            self._config.database,
+            addresses=self._config.addresses,
+        )
 
     def run(self, number: int, values: Mapping[str, float]) -> Record:
         """Return errors of the estimates of one car, or why there are none."""
@@ -157,7 +163,9 @@ class Bench:
         truth = simulate(car.vehicle, car.drive, car.powertrain)
         check_drive(truth, car.vehicle.chassis.wheel_radius_m)
         # The wheel signals are made with the radius of the nominal car: control units have it coded.
-        frames = emit_frames(truth, self.nominal.vehicle, car.sensors, self._config.database)
+        frames = emit_frames(
+            truth, self.nominal.vehicle, car.sensors, self._config.database, addresses=self._config.addresses
+        )
         return frames, judged(truth)
 
     def _key(self, car: Car) -> str:

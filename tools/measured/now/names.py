@@ -37,7 +37,7 @@ def messages_of(log: Path, most: int) -> list[can.Message]:
 
 
 def decoded(config: Config, frames: Frames) -> Any:
-    return Decoder(config.database, config.inputs, config.protections).decode(frames)
+    return Decoder(config.database, config.inputs, config.protections, config.addresses).decode(frames)
 
 
 def new_feed(config: Config) -> Callable[[Any], object]:
