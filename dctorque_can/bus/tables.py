@@ -166,10 +166,13 @@ def build_tables(
         rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor))
     protection_of = {protection.message: protection for protection in protections}
     in_order = sorted(range(len(inputs)), key=lambda k: inputs[k].quantity)
-    for m, (name, _) in enumerate(read):
+    for m, (name, address) in enumerate(read):
         renewed = [k for k in in_order if any(message_of(term) == m for term in inputs[k].signals)]
         timeout_us = min(_timeout_us(inputs[k], m, message_of) for k in renewed)
-        _add_message(rows, by_name[name], protection_of.get(name, Protection(name)), renewed, timeout_us)
+        protection = protection_of.get(name, Protection(name))
+        if protection.channel not in (None, address.channel):
+            protection = Protection(name)
+        _add_message(rows, by_name[name], protection, renewed, timeout_us)
     messages = np.array(rows.messages, MESSAGE)
     standard = np.full(N_STANDARD_IDS, -1, np.int64)
     extended: dict[int, int] = {}

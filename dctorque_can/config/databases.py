@@ -92,8 +92,8 @@ class DatabaseFiles:
             faults += 1
         return faults > 0
 
-    def output(self, vehicle: Database | None) -> OutputSettings | None:
-        """Return what is sent; None when there is an error."""
+    def output(self, vehicle: Database | None, channel: int) -> OutputSettings | None:
+        """Return what is sent on a channel; None when there is an error."""
         section = validate(self._document, ("output",), OutputSection)
         if section is None:
             return None
@@ -109,7 +109,7 @@ class DatabaseFiles:
         database = self._database(where, file) if file is not None else None
         if file is None or database is None:
             return None
-        settings = OutputSettings(section.enabled, file.path, database, dict(section.ids))
+        settings = OutputSettings(section.enabled, file.path, database, dict(section.ids), channel)
         return settings if self._identifiers_fit(settings, vehicle) else None
 
     def _file(self, n: int, item: object) -> tuple[KeyPath, DatabaseFile, DatabaseSection] | None:
@@ -189,7 +189,7 @@ class DatabaseFiles:
             if identifier in sent:
                 errors += 1
                 self._complain(key, f"0x{identifier[0]:X} is the id of {sent[identifier]} too; give another one")
-            sent_as = Address(identifier[0] | (EXTENDED_ID if extended else 0))
+            sent_as = Address(identifier[0] | (EXTENDED_ID if extended else 0), channel=output.channel)
             of_vehicle = next((name for name, address in taken.items() if address.meets(sent_as)), None)
             if of_vehicle is not None and output.enabled:
                 errors += 1

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from cantools.database.can import Database, Message, Signal
 
+from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.bus.problems import input_problems, shared_frames
 from dctorque_can.config.dbc_signal import can_be_negative
 from dctorque_can.config.document import Document
@@ -99,6 +100,7 @@ class InputBuilder:
                     factor=term.factor * factor,
                     offset=term.offset * factor,
                     not_available=frozenset(self._not_available(at, term)),
+                    channel=section.channel,
                 )
             )
             units.append(unit)
@@ -130,7 +132,7 @@ class InputBuilder:
             known = {
                 raw: value for key, value in values.items() for raw in self._raw((*path, "values", key), name, key)
             }
-            terms.append(Term(message, signal, factor=1.0 / len(names), values=known))
+            terms.append(Term(message, signal, 1.0 / len(names), values=known, channel=section.channel))
         lowest, highest = min(values.values()), max(values.values())
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
         given = Input(quantity, tuple(terms), float(lowest), float(highest), timeout, delay)
@@ -147,6 +149,7 @@ class InputBuilder:
             crc_signal=section.crc_signal,
             data_id=section.data_id or 0,
             data_ids=tuple(section.data_ids or ()),
+            channel=section.channel,
         )
         if self._database is not None:
             keys = {section.crc_signal: "crc_signal", section.counter_signal: "counter_signal"}
@@ -156,9 +159,13 @@ class InputBuilder:
                     self._complain(path, problem.reason, problem.suggestions)
                 elif problem.signal and (keys[problem.signal],) not in reported:
                     self._complain((*path, keys[problem.signal]), problem.reason, problem.suggestions)
-            used = {term.message for entry in self.entries for term in entry.input.signals}
-            if message in self._messages and message not in used:
+            inputs = [entry.input for entry in self.entries]
+            used = {key for key in read_addresses(self._database, inputs, self._addresses) if key[0] == message}
+            if message in self._messages and not used:
                 self._warn(path, "has no effect: no input comes from this message")
+            elif used and all(section.channel not in (None, address.channel) for _, address in used):
+                reason = "has no effect: no input comes from this message on that channel"
+                self._warn((*path, "channel"), reason)
         return protection
 
     def check_together(self) -> None:
@@ -195,6 +202,7 @@ class InputBuilder:
             factor=given.factor * factor,
             offset=given.offset * factor,
             not_available=frozenset(self._not_available(at, term)),
+            channel=section.channel,
         )
         known = self._messages.get(message)
         if known is not None and known.cycle_time and given.timeout_ms < 2 * known.cycle_time:

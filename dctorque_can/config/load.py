@@ -10,6 +10,7 @@ import yaml
 from cantools.database.can import Database
 
 from dctorque_can.config.build import Parts, build_parts
+from dctorque_can.config.buses import output_channel, read_buses
 from dctorque_can.config.databases import DatabaseFiles, Reader
 from dctorque_can.config.document import Document, parse
 from dctorque_can.config.edges import CanSection, LoggingSection, OutputSettings
@@ -45,7 +46,7 @@ class Config:
         settings: of the estimator core.
         protections: of received messages.
         database: the messages of all DBCs.
-        can: the bus; ``can.arguments()`` goes to ``can.Bus``.
+        buses: of a live service, at least one; ``arguments()`` of each goes to ``can.Bus``.
         output: the messages that are sent.
         logging: the log.
         documents: vehicle file, DBCs and overrides as they were loaded; `load_documents` reads them again.
@@ -60,7 +61,7 @@ class Config:
     settings: Settings
     protections: tuple[Protection, ...]
     database: Database
-    can: CanSection
+    buses: tuple[CanSection, ...]
     output: OutputSettings
     logging: LoggingSection
     documents: dict[str, bytes]
@@ -68,6 +69,11 @@ class Config:
     reorder_us: int | None
     addresses: dict[str, Address]
     warnings: tuple[Problem, ...]
+
+    @property
+    def can(self) -> CanSection:
+        """The first bus, which simulations and recordings are played onto."""
+        return self.buses[0]
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -159,16 +165,16 @@ def _load(
     files = DatabaseFiles(document, documents, read, among_documents)
     database = files.vehicle()
     parts = build_parts(document, database, files.addresses)
-    can = validate(document, ("can",), CanSection)
+    buses = read_buses(document)
     logging = validate(document, ("logging",), LoggingSection)
-    output = files.output(database)
+    output = files.output(database, output_channel(document, buses) if buses else 0)
     problems = sorted(document.without_consequences(), key=problem_order)
-    sound = parts is not None and database is not None and can and logging and output
+    sound = parts is not None and database is not None and buses and logging and output
     if not sound or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
     assert isinstance(parts, Parts)
     assert database is not None
-    assert can is not None
+    assert buses is not None
     assert logging is not None
     assert output is not None
     return Config(
@@ -177,7 +183,7 @@ def _load(
         settings=parts.settings,
         protections=parts.protections,
         database=database,
-        can=can,
+        buses=buses,
         output=output,
         logging=logging,
         documents=documents,

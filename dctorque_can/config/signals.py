@@ -35,6 +35,7 @@ def _yes_or_no(value: Any) -> Any:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
 
 
+ChannelNumber = Annotated[int, Field(ge=0, le=255)]
 SignalName = Annotated[str, AfterValidator(_signal_name)]
 RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
 TimeoutMs = Annotated[float, Field(gt=0, le=60_000)]
@@ -118,6 +119,8 @@ class InputSection(Section):
     """Age at which the input is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
     @model_validator(mode="before")
     @classmethod
@@ -187,6 +190,8 @@ class GearSignalSection(Section):
     """Age at which the gear is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class ShiftFlagSection(Section):
@@ -202,6 +207,8 @@ class ShiftFlagSection(Section):
     """Age at which the flag is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class ClutchStateSection(Section):
@@ -215,6 +222,8 @@ class ClutchStateSection(Section):
     """Age at which the state is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class DirectionSection(Section):
@@ -232,6 +241,8 @@ class DirectionSection(Section):
     """Age at which the direction is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
         if self.signal is None and self.signals is None:
@@ -259,6 +270,8 @@ class FlagSection(Section):
     """Age at which the flag is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class PositionSection(InputSection):
@@ -302,6 +315,8 @@ class ProtectionSection(Section):
         None
     )
     """The 16 data ids, for e2e_p02."""
+    channel: ChannelNumber | None = None
+    """Channel on which the message is protected so, where a gateway copies it otherwise; default: all."""
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
         if self.crc == "none" and not self.counter_signal:

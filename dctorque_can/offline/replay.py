@@ -257,7 +257,9 @@ def mapped_messages(config: Config) -> list[MappedMessage]:
     found = []
     for (name, address), message in read_addresses(config.database, config.inputs, config.addresses).items():
         if name in mapped:
-            protection = next((p for p in config.protections if p.message == name), None)
+            protection = next(
+                (p for p in config.protections if p.message == name and p.channel in (None, address.channel)), None
+            )
             needed = bytes_needed(message, mapped[name], protection)
             found.append(MappedMessage(name, address, message.length, needed))
     return found

@@ -191,6 +191,7 @@ class Protection:
         crc_signal: name of the checksum signal, or "" for none; an 8-bit signal on a byte boundary.
         data_id: AUTOSAR data id (profile 1), or 0.
         data_ids: the 16 data ids of profile 2, or empty.
+        channel: on which the message is protected so; None: on all.
     """
 
     message: str
@@ -201,3 +202,4 @@ class Protection:
     crc_signal: str = ""
     data_id: int = 0
     data_ids: tuple[int, ...] = ()
+    channel: int | None = None

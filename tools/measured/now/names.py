@@ -53,7 +53,7 @@ def new_live_feed(config: Config) -> Callable[[can.Message], object]:
 
 def new_service(config: Config, connect: Callable[[], can.BusABC]) -> Service:
     """Return a service that is ready to ``run()`` and writes no log."""
-    service = Service(config, connect, None, lambda is_error, text: None)
+    service = Service(config, [connect], None, lambda is_error, text: None)
     service.prepare()
     return service
 
