@@ -51,20 +51,20 @@ class OriginWatch:
 
     def __init__(self, messages: Iterable[tuple[str, Address]]) -> None:
         self._origins = [Origins(name, address) for name, address in messages]
-        self._known: set[tuple[int, int]] = set()
+        self._known: set[tuple[int, int, bool]] = set()
         self._told: set[str] = set()
 
     def take(self, frames: Frames) -> bool:
         """Look at a batch; return whether it held anything new."""
-        new = set(zip(frames.can_id.tolist(), frames.channel.tolist(), strict=True)) - self._known
-        if not new or len(self._known) > _MOST_KNOWN:
-            return False
         data = frames.flags & NO_DATA == 0
+        kinds = set(zip(frames.can_id.tolist(), frames.channel.tolist(), data.tolist(), strict=True))
+        if kinds <= self._known or len(self._known) > _MOST_KNOWN:
+            return False
         for each in self._origins:
             rows = np.flatnonzero(each.address.rows(frames) & data)
             if len(rows):
                 each.take(frames, rows)
-        self._known |= set(zip(frames.can_id[data].tolist(), frames.channel[data].tolist(), strict=True))
+        self._known |= kinds
         return True
 
     def news(self) -> list[str]:
