@@ -277,7 +277,7 @@ class _Replay:
         self._content = content
         self._player = targets.player
         self._chain = Chain(config, content.smooth)
-        self._signals = MessageColumns(config.database) if content.signals else None
+        self._signals = MessageColumns(config.database, config.addresses) if content.signals else None
         self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
         self._rows: list[NDArray[np.void]] = []
         self._waiting: list[tuple[Frames, int, NDArray[np.void]]] = []  # frames, number of estimates, health

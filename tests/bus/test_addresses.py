@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dctorque_can.bus.addresses import is_j1939, j1939_addresses
+from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.bus.problems import InputError
 from dctorque_can.pipeline.frames import EXTENDED_ID, Address, Frames, group_mask
@@ -182,3 +183,23 @@ def test_rows_are_the_frames_that_an_address_has():
         rows = address.rows(frames).tolist()
         assert rows == [address.has(*each) for each in zip(frames.can_id.tolist(), frames.channel, strict=True)]
         assert 0 < sum(rows) < 200
+
+
+def test_signals_of_whole_logs_are_told_by_channel_and_number():
+    eec1, tsc1 = message("EEC1", EEC1), message("TSC1", TSC1)
+    names = ("Engine", "Radio")
+    engine, radio = (message(name, 0x100, extended=False) for name in names)
+    database = Database([eec1, tsc1, engine, radio])
+    addresses = j1939_addresses([eec1, tsc1], {"TSC1": 0x03})
+    addresses |= {name: Address(0x100, channel=channel) for name, channel in zip(names, (0, 3), strict=True)}
+    j1939_ids = [0x14F0_0431, 0x0C00_1103, 0x0CF0_0400, 0x0C00_1104]
+    rows = [(can_id | EXTENDED_ID, 9, n, 0) for n, can_id in enumerate(j1939_ids)]
+    rows += [(0x100, channel, 10 + channel, 0) for channel in range(4)]
+    found = MessageColumns(database, addresses).decode(sent(*rows))
+    assert {name: each["Speed"].tolist() for name, each in found.items()} == {
+        "EEC1": [0.0, 2.0],
+        "TSC1": [1.0],
+        "Engine": [10.0],
+        "Radio": [13.0],
+    }
+    assert found["EEC1"]["t_us"].tolist() == [0, 20_000]
