@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import select
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import can
-import numpy as np
 
 from dctorque_can.daemon.link import REST_S, BusError, BusLink, LinkCounts
 from dctorque_can.daemon.reception import NOTHING
@@ -17,7 +17,7 @@ from dctorque_can.pipeline.frames import Frames
 
 DOWN_S = 0.02  # from one look at a bus that is away to the next
 MOST_HELD = 4096  # frames; for whatever reason they wait, these are enough
-READY_S = 0.001  # for a bus whose interface says that something waits
+READY_S = 0.001  # for a bus whose interface says that something waits, or cannot say so
 CLOCKS_APART_US = 500_000
 CLOCKS_APART_S = 2.0  # for so long: told
 
@@ -155,19 +155,24 @@ class BusLinks:
         return frames[due]
 
     def _wait(self, timeout_s: float) -> set[int]:
-        """Wait until something comes, as far as the interfaces can tell; return the buses on which it did."""
-        longest_s = min([timeout_s, *(DOWN_S for link in self.links if not link.up)])
+        """Wait until something comes; return the buses to be asked with some patience.
+
+        These are the ones on which something came, and those whose interface cannot be waited for: to ask them is
+        to wait, and only so `spin` notices one that does not.
+        """
         files = [link.file_number for link in self.links]
-        if any(file < 0 and link.up for file, link in zip(files, self.links, strict=True)):
-            longest_s = min(longest_s, REST_S)  # one of them cannot be waited for
+        blind = {n for n, link in enumerate(self.links) if link.up and files[n] < 0}
         numbers = {file: n for n, file in enumerate(files) if file >= 0}
-        if not numbers or not hasattr(select, "poll"):
-            time.sleep(max(min(longest_s, REST_S if numbers else longest_s), 0.0))
-            return set()
+        longest_s = 0.0 if blind else min([timeout_s, *(DOWN_S for link in self.links if not link.up)])
+        if not numbers:
+            time.sleep(longest_s)
+            return blind
+        if not hasattr(select, "poll"):  # Windows
+            return blind | set(numbers.values())
         poll = select.poll()
         for file in numbers:
             poll.register(file, select.POLLIN)
-        return {numbers[file] for file, _ in poll.poll(max(int(np.ceil(1000.0 * longest_s)), 0))}
+        return blind | {numbers[file] for file, _ in poll.poll(math.ceil(1000.0 * longest_s))}
 
     def _watch_clocks(self, parts: Sequence[Frames]) -> None:
         """Tell, once, when the times of two buses do not fit together."""

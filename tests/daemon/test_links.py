@@ -32,6 +32,7 @@ from dctorque_can.report.traffic_lines import missing_lines
 from dctorque_can.resources import shipped_config, shipped_dbc
 
 from ..clock import Clock
+from .test_link import SocketCand
 
 BRAKES = (0x130, 0x131)  # what the second bus of the car carries
 
@@ -402,3 +403,26 @@ def test_somebody_else_counts_on_the_bus_that_is_sent_on_alone(
     car.close()
     assert summary.refused_ids == [ours[1] & ~EXTENDED_ID]
     assert len(told) == 1
+
+
+def test_a_server_that_hangs_up_is_noticed_beside_another_bus() -> None:
+    """Its interface never raises and is always ready; only one that waits for a while can be seen not to wait."""
+    server = SocketCand()
+    told: list[str] = []
+    other = partial(open_bus, {"interface": "virtual", "channel": "beside a server"})
+    buses = [NamedBus("server", 0, server.open_and_speak), NamedBus("other", 1, other)]
+    links = BusLinks(buses, lambda is_error, text: told.append(text))
+    links.open(lambda: False, wait=False)
+    try:
+        found: list[int] = []
+        while len(found) < 2:
+            found += links.receive(0.1).can_id.tolist()
+        assert found == [0x123, 0x124]
+        server.hang_up()
+        while links.links[0].counts.lost == 0:
+            links.receive(0.1)
+        assert told[0].startswith("server: the bus is gone")
+        assert links.links[1].counts.lost == 0
+    finally:
+        links.close()
+        server.close()
