@@ -28,7 +28,7 @@ class Chain:
 
     def __init__(self, config: Config, smooth: bool = False) -> None:
         self._config = config
-        self._decoder = Decoder(config.database, config.inputs, config.protections)
+        self._decoder = Decoder(config.database, config.inputs, config.protections, config.addresses)
         self._smoother = Smoother(config.settings) if smooth else None
         self._estimator = self._smoother or Estimator(config.settings)
         self._feed_few: Callable[[Frames], Estimates] | None = None

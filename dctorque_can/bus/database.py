@@ -112,18 +112,23 @@ def load_with_remarks(files: Sequence[DatabaseFile], needed: Needed | None = Non
     return Loaded(joined.database, (*remarks, *joined.remarks))
 
 
-def joined_databases(databases: Sequence[tuple[Path, Database]], needed: Needed | None = None) -> Loaded:
+def joined_databases(
+    databases: Sequence[tuple[Path, Database]],
+    needed: Needed | None = None,
+    channels: Sequence[int | None] | None = None,
+) -> Loaded:
     """Join databases into one.
 
     Args:
         databases: each with the path of its file. A message may be in several only if all say the same.
         needed: other messages are left out where they contradict, with a remark. None: all are needed.
+        channels: that each database is on, None for any. One identifier on two channels is no contradiction.
 
     Raises:
         DatabaseError: two messages contradict each other.
     """
     remarks: list[Remark] = []
-    messages, conflicts = _merge(databases, needed, remarks)
+    messages, conflicts = _merge(databases, needed, remarks, channels or [None] * len(databases))
     if conflicts:
         raise DatabaseError("\n".join(conflicts), remarks)
     if len(databases) == 1:
@@ -228,20 +233,27 @@ def _rename(database: Database, names: dict[str, str]) -> None:
 
 
 def _merge(
-    databases: Sequence[tuple[Path, Database]], needed: Needed | None, remarks: list[Remark]
+    databases: Sequence[tuple[Path, Database]],
+    needed: Needed | None,
+    remarks: list[Remark],
+    channels: Sequence[int | None],
 ) -> tuple[list[Message], list[str]]:
     """Return the messages of all files, and a line for each needed one that contradicts one of an earlier file."""
     messages: list[Message] = []
     earlier: dict[object, tuple[Path, Message]] = {}
+    channel_of: dict[str, int | None] = {}
     conflicts: list[str] = []
-    for path, database in databases:
+    for (path, database), channel in zip(databases, channels, strict=True):
         added: dict[object, tuple[Path, Message]] = {}
+        others = {None, channel} if channel is not None else {None, *channels}
         for message in database.messages:
             identifier = (message.frame_id, message.is_extended_frame)
-            found = earlier.get(message.name) or earlier.get(identifier)
+            same = [earlier.get(message.name), *(earlier.get((*identifier, other)) for other in others)]
+            found = next(filter(None, same), None)
             if found is None:
                 messages.append(message)
-                added[message.name] = added[identifier] = (path, message)
+                added[message.name] = added[*identifier, channel] = (path, message)
+                channel_of[message.name] = channel
             elif _definition(found[1]) != _definition(message):
                 contradiction = (
                     f"message {message.name} (id 0x{message.frame_id:X}) contradicts "
@@ -251,6 +263,13 @@ def _merge(
                     conflicts.append(f"{path}: {contradiction}; leave one of them out")
                 else:
                     remarks.append(Remark(path, 0, f"{contradiction}; it is left out, no input comes from it"))
+            elif needed is not None and message.name in needed.messages and channel_of[message.name] != channel:
+                where = channel_of[message.name]
+                taken = "any channel" if where is None else f"channel {where}"
+                reason = (
+                    f"{message.name} is taken from {taken} already, as {found[0].name} says; for an input from "
+                )
+                remarks.append(Remark(path, 0, reason + "another channel give channel: to that input"))
         earlier |= added
     return messages, conflicts
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from dctorque_can.bus.decoder_memory import decode_batch, decoder_memory
 from dctorque_can.bus.layout import MAX_BYTES
-from dctorque_can.bus.problems import InputError, input_problems
+from dctorque_can.bus.problems import InputError, input_problems, shared_frames
 from dctorque_can.bus.tables import build_tables
 from dctorque_can.compiled import entry
-from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.frames import Address, Frames
 from dctorque_can.pipeline.samples import Input, Protection, Samples
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -26,8 +26,8 @@ class Decoder:
 
     Rules:
 
-    * Frames are taken from every channel. Remote frames, error frames and frames sent by us are ignored, as are
-      identifiers that no input reads.
+    * Frames are taken from every channel, unless the address of their message names one. Remote frames, error
+      frames and frames sent by us are ignored, as are identifiers that no input reads.
     * A frame gives its samples together, in order of `Quantity`, ``last`` set on the final one.
     * A frame that lacks its alive counter or a byte under its CRC, or in which one of them is wrong, gives one
       sample per quantity of its message with that status and value 0, and changes no value. A longer frame is
@@ -55,6 +55,8 @@ class Decoder:
         database: with every message that the inputs name.
         inputs: at most one per quantity.
         protections: at most one per message.
+        addresses: by what the frames of a message are known, by its name; by its identifier on any channel where
+            there is none.
 
     Raises:
         InputError: inputs or protections do not fit the database; all problems at once.
@@ -64,23 +66,32 @@ class Decoder:
     """
 
     def __init__(
-        self, database: Database, inputs: Sequence[Input], protections: Sequence[Protection] = ()
+        self,
+        database: Database,
+        inputs: Sequence[Input],
+        protections: Sequence[Protection] = (),
+        addresses: Mapping[str, Address] | None = None,
     ) -> None:
-        problems = input_problems(database, inputs, protections)
+        problems = input_problems(database, inputs, protections, addresses)
+        problems += shared_frames(database, inputs, addresses)
         if problems:
             raise InputError(problems)
-        tables = build_tables(database, inputs, protections)
+        tables = build_tables(database, inputs, protections, addresses)
         self._memory = decoder_memory(tables)
         self.most_per_frame = int(tables.messages["n_pairs"].max(initial=0))
         standard = np.flatnonzero(tables.standard >= 0)
-        self._can_ids = frozenset(map(int, (*standard, *tables.extended["can_id"])))
+        self._can_ids = frozenset(map(int, (*standard, *tables.extended["can_id"], *tables.groups["can_id"])))
+        self._by_group = bool(len(tables.groups))
         self._one = Frames.empty(1, MAX_BYTES)
         self._one_payload = memoryview(self._one.data[0])
         self._none = self.decode(Frames.empty())
 
     @property
     def can_ids(self) -> frozenset[int]:
-        """The identifiers that are read, with `EXTENDED_ID` set for 29-bit ones; every other frame is ignored."""
+        """The identifiers that are read, with `EXTENDED_ID` set for 29-bit ones.
+
+        Every other frame is ignored, unless it is a message of J1939 by its address.
+        """
         return self._can_ids
 
     def decode(self, frames: Frames) -> Samples:
@@ -103,7 +114,9 @@ class Decoder:
         run = entry(decode_batch, (*_columns(self._one), *memory_and_room))
         return lambda frames: _checked(run(*_columns(frames), *memory_and_room))
 
-    def decode_one(self, t_us: int, can_id: int, data: bytes | bytearray, flags: int = 0) -> Samples:
+    def decode_one(
+        self, t_us: int, can_id: int, data: bytes | bytearray, flags: int = 0, channel: int = 0
+    ) -> Samples:
         """Return the samples of one frame: the same as `decode`, without the cost of building `Frames`.
 
         Args:
@@ -111,21 +124,23 @@ class Decoder:
             can_id: with `EXTENDED_ID` set for a 29-bit identifier.
             data: at most 64 payload bytes.
             flags: bits of `FrameFlag`.
+            channel: it came on.
         """
-        if can_id not in self._can_ids:
+        if can_id not in self._can_ids and not self._by_group:
             return self._none
         one = self._one
         one.t_us[0] = t_us
         one.can_id[0] = can_id
         one.length[0] = len(data)
         one.flags[0] = flags
+        one.channel[0] = channel
         self._one_payload[: len(data)] = data
         return self.decode(one)
 
 
-def _columns(frames: Frames) -> tuple[NDArray[np.int64], NDArray[np.uint32], Bytes, Bytes, Bytes]:
+def _columns(frames: Frames) -> tuple[NDArray[np.int64], NDArray[np.uint32], Bytes, Bytes, Bytes, Bytes]:
     t_us, can_id, length, flags = frames.t_us, frames.can_id, frames.length, frames.flags
-    return _plain(t_us), _plain(can_id), _plain(length), _plain(flags), _plain(frames.data)
+    return _plain(t_us), _plain(can_id), _plain(length), _plain(flags), _plain(frames.channel), _plain(frames.data)
 
 
 def _room(samples: Samples) -> tuple[NDArray[np.int64], Bytes, NDArray[np.float64], Bytes, NDArray[np.bool_]]:

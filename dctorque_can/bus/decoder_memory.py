@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from dctorque_can.bus.loop import MESSAGE_STATE, SCRATCH, TERM_STATE, decode_frames
 from dctorque_can.bus.packing import packed
-from dctorque_can.bus.tables import CONDITION, EXTENDED, FIELD, INPUT, MESSAGE, RAW, TERM, DecoderTables
+from dctorque_can.bus.tables import CONDITION, EXTENDED, FIELD, GROUP, INPUT, MESSAGE, RAW, TERM, DecoderTables
 from dctorque_can.compiled import compiled
 
 
 def decoder_memory(tables: DecoderTables) -> NDArray[np.int64]:
     """Return the memory of a decoder before the first frame."""
     return packed(
-        *(tables.standard, tables.extended, tables.messages, tables.pairs, tables.inputs),
+        *(tables.standard, tables.extended, tables.groups, tables.messages, tables.pairs, tables.inputs),
         *(tables.terms, tables.conditions, tables.fields, tables.raws),
         np.zeros(len(tables.messages), MESSAGE_STATE),
         np.zeros(len(tables.terms), TERM_STATE),
@@ -28,6 +28,7 @@ def decode_batch(
     can_id: NDArray[np.uint32],
     length: NDArray[np.uint8],
     flags: NDArray[np.uint8],
+    channel: NDArray[np.uint8],
     data: NDArray[np.uint8],
     memory: NDArray[np.int64],
     out_t_us: NDArray[np.int64],
@@ -42,19 +43,21 @@ def decode_batch(
         can_id,
         length,
         flags,
+        channel,
         data,
         memory[memory[0] : memory[1]],
         memory[memory[1] : memory[2]].view(EXTENDED),
-        memory[memory[2] : memory[3]].view(MESSAGE),
-        memory[memory[3] : memory[4]],
-        memory[memory[4] : memory[5]].view(INPUT),
-        memory[memory[5] : memory[6]].view(TERM),
-        memory[memory[6] : memory[7]].view(CONDITION),
-        memory[memory[7] : memory[8]].view(FIELD),
-        memory[memory[8] : memory[9]].view(RAW),
-        memory[memory[9] : memory[10]].view(MESSAGE_STATE),
-        memory[memory[10] : memory[11]].view(TERM_STATE),
-        memory[memory[11] : memory[12]].view(SCRATCH),
+        memory[memory[2] : memory[3]].view(GROUP),
+        memory[memory[3] : memory[4]].view(MESSAGE),
+        memory[memory[4] : memory[5]],
+        memory[memory[5] : memory[6]].view(INPUT),
+        memory[memory[6] : memory[7]].view(TERM),
+        memory[memory[7] : memory[8]].view(CONDITION),
+        memory[memory[8] : memory[9]].view(FIELD),
+        memory[memory[9] : memory[10]].view(RAW),
+        memory[memory[10] : memory[11]].view(MESSAGE_STATE),
+        memory[memory[11] : memory[12]].view(TERM_STATE),
+        memory[memory[12] : memory[13]].view(SCRATCH),
         out_t_us,
         out_quantity,
         out_value,

@@ -39,10 +39,26 @@ Table = NDArray[Any]  # structured arrays of tables.py; their fields are numbers
 
 
 @compiled_without_allocation
-def _message_of(can_id: int, standard: Table, extended: Table) -> int:
-    """Return the index of the message with an identifier, -1 when nothing reads it."""
+def _on_channel(m: int, channel: int, messages: Table) -> int:
+    """Return which of the messages of one identifier counts on a channel, -1 for none.
+
+    Bound: each message leads to one that stands behind it, or to none.
+    """
+    while m >= 0 and messages[m].channel >= 0 and messages[m].channel != channel:
+        m = messages[m].next
+    return m
+
+
+@compiled_without_allocation
+def _message_of(
+    can_id: int, channel: int, standard: Table, extended: Table, groups: Table, messages: Table
+) -> int:
+    """Return the index of the message that a frame is, -1 when nothing reads it.
+
+    Bounds: a binary search; then once over ``groups``, which has a row for each J1939 message.
+    """
     if can_id < N_STANDARD_IDS:
-        return standard[can_id]  # type: ignore[no-any-return]
+        return _on_channel(standard[can_id], channel, messages)
     low, high = 0, len(extended)
     while low < high:
         middle = (low + high) // 2
@@ -51,7 +67,15 @@ def _message_of(can_id: int, standard: Table, extended: Table) -> int:
         else:
             high = middle
     if low < len(extended) and extended[low].can_id == can_id:
-        return extended[low].message  # type: ignore[no-any-return]
+        m = _on_channel(extended[low].message, channel, messages)
+        if m >= 0:
+            return m
+    for row in range(len(groups)):
+        group = groups[row]
+        if (can_id ^ group.can_id) & group.mask == 0:
+            expected = messages[group.message].channel
+            if expected < 0 or expected == channel:
+                return group.message  # type: ignore[no-any-return]
     return -1
 
 
@@ -278,9 +302,11 @@ def decode_frames(
     can_id: NDArray[np.uint32],
     length: NDArray[np.uint8],
     flags: NDArray[np.uint8],
+    channel: NDArray[np.uint8],
     data: NDArray[np.uint8],
     standard: Table,
     extended: Table,
+    groups: Table,
     messages: Table,
     pairs: Table,
     inputs: Table,
@@ -308,11 +334,11 @@ def decode_frames(
     """
     n = 0
     rows = len(t_us)
-    if min(len(can_id), len(length), len(flags), len(data)) < rows:
+    if min(len(can_id), len(length), len(flags), len(channel), len(data)) < rows:
         return -1
     room = min(len(out_t_us), len(out_quantity), len(out_value), len(out_status), len(out_last))
     for i in range(rows):
-        m = _message_of(can_id[i], standard, extended)
+        m = _message_of(can_id[i], channel[i], standard, extended, groups, messages)
         if m < 0 or flags[i] & IGNORED:
             continue
         message = messages[m]

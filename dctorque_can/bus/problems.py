@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import combinations
 
 from cantools.database.can import Database, Message, Signal
 
+from dctorque_can.bus.addresses import address_of, at_term, read_addresses
 from dctorque_can.bus.checksum_kinds import KINDS, LAST_STANDARD_ID, Coverage, Kind
 from dctorque_can.bus.layout import SignalLayout, layout_problem, selector_problem
 from dctorque_can.bus.protection import CRC_KINDS, DATA_ID_MODES, data_ids_of
 from dctorque_can.bus.vw_mqb import DATA_IDS
 from dctorque_can.errors import DctorqueError
+from dctorque_can.pipeline.frames import EVERY_BIT, Address
 from dctorque_can.pipeline.samples import Input, Protection, Term
 
 
@@ -57,15 +60,22 @@ class InputError(DctorqueError):
 
 
 def input_problems(
-    database: Database, inputs: Sequence[Input], protections: Sequence[Protection]
+    database: Database,
+    inputs: Sequence[Input],
+    protections: Sequence[Protection],
+    addresses: Mapping[str, Address] | None = None,
 ) -> list[Problem]:
-    """Return everything that keeps inputs and protections from being decoded by a database; empty when nothing."""
+    """Return everything that keeps inputs and protections from being decoded by a database; empty when nothing.
+
+    ``addresses`` say by what the frames of a message are known, by its name, where that is not its identifier.
+    """
+    addresses = addresses or {}
     problems: list[Problem] = []
     for quantity, count in Counter(each.quantity for each in inputs).items():
         if count > 1:
             problems.append(Problem(_input(quantity.name), "", "", f"is given {count} times; once is right"))
     for each in inputs:
-        problems += _of_input(database, each)
+        problems += _of_input(database, each, addresses)
     for name, count in Counter(each.message for each in protections).items():
         if count > 1:
             reason = f"is protected {count} times; once is right"
@@ -100,7 +110,25 @@ def nearest(name: str, known: Iterable[str]) -> tuple[str, ...]:
     return tuple(folded[each] for each in get_close_matches(name.casefold(), folded, n=3, cutoff=0.7))
 
 
-def _of_input(database: Database, given: Input) -> Iterator[Problem]:
+def shared_frames(
+    database: Database, inputs: Sequence[Input], addresses: Mapping[str, Address] | None = None
+) -> Iterator[Problem]:
+    """Yield where one frame would be two of the messages that inputs read, and nobody could say which."""
+    read = read_addresses(database, inputs, addresses or {})
+    for (name, one), (other_name, other) in combinations(read, 2):
+        if not one.meets(other):
+            continue
+        where = f"input of {name}"
+        if name == other_name:
+            channels = [f"channel {a.channel}" if a.channel is not None else "any channel" for a in (one, other)]
+            reason = f"is read from {' and from '.join(channels)}; give each of its inputs a channel"
+            yield Problem(where, name, "", reason)
+        elif EVERY_BIT not in (one.mask, other.mask):
+            reason = f"has the same J1939 number and source address as {other_name}; give source_addresses"
+            yield Problem(where, name, "", reason)
+
+
+def _of_input(database: Database, given: Input, addresses: Mapping[str, Address]) -> Iterator[Problem]:
     where = _input(given.quantity.name)
     if not given.terms:
         yield Problem(where, "", "", "has no signal; at least one is needed")
@@ -126,17 +154,18 @@ def _of_input(database: Database, given: Input) -> Iterator[Problem]:
     if given.validity is not None and not given.validity.term.values:
         yield Problem(where, "", "", "has a validity without a raw value that means valid")
     for term in given.signals:
-        yield from _of_term(database, where, term)
+        yield from _of_term(database, where, term, addresses)
 
 
-def _of_term(database: Database, where: str, term: Term) -> Iterator[Problem]:
+def _of_term(database: Database, where: str, term: Term, addresses: Mapping[str, Address]) -> Iterator[Problem]:
     message = _message(database, term.message)
     if message is None:
         yield _unknown_message(database, where, term.message)
         return
     for other in database.messages:
         same_id = (other.frame_id, other.is_extended_frame) == (message.frame_id, message.is_extended_frame)
-        if same_id and other is not message:
+        apart = not at_term(term, message, addresses).meets(address_of(other, addresses))
+        if same_id and other is not message and not apart:
             reason = f"has the same identifier 0x{message.frame_id:X} as {other.name}; correct the DBC"
             yield Problem(where, message.name, "", reason)
     signal = _signal(message, term.signal)

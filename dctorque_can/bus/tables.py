@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from cantools.database.can import Database, Message, Signal
 from numpy.typing import NDArray
 
+from dctorque_can.bus.addresses import at_term, read_addresses
 from dctorque_can.bus.layout import SignalLayout, selectors
 from dctorque_can.bus.protection import CHECKSUM, bits_of, checksum_rule
-from dctorque_can.pipeline.frames import EXTENDED_ID
+from dctorque_can.pipeline.frames import EVERY_BIT, EXTENDED_ID, Address
 from dctorque_can.pipeline.samples import Input, Protection, Term
 
 N_STANDARD_IDS = 2048
@@ -79,6 +80,8 @@ MESSAGE = np.dtype(
         ("counter_low_bits", "u8"),  # bits of the former
         ("counter_modulus", "i8"),
         ("max_counter_delta", "i8"),
+        ("channel", "i8"),  # -1: any
+        ("next", "i8"),  # a later message of the same identifier on another channel, -1: none
     ],
     align=True,
 )
@@ -86,6 +89,9 @@ MESSAGE = np.dtype(
 
 EXTENDED = np.dtype([("can_id", "u4"), ("message", "i8")], align=True)
 """One 29-bit identifier; sorted."""
+
+GROUP = np.dtype([("can_id", "u4"), ("mask", "u4"), ("message", "i8")], align=True)
+"""One J1939 message: the identifiers that agree with ``can_id`` in the bits of ``mask``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +101,7 @@ class DecoderTables:
     Attributes:
         standard: int64 ``[2048]``, message of an 11-bit identifier, -1 for none.
         extended: `EXTENDED`.
+        groups: `GROUP`.
         messages: `MESSAGE`.
         pairs: int64, the inputs that a message renews, in order of quantity.
         inputs: `INPUT`.
@@ -106,6 +113,7 @@ class DecoderTables:
 
     standard: NDArray[np.int64]
     extended: NDArray[np.void]
+    groups: NDArray[np.void]
     messages: NDArray[np.void]
     pairs: NDArray[np.int64]
     inputs: NDArray[np.void]
@@ -137,16 +145,26 @@ class _Rows:
         return len(self.raws) - len(bits), len(bits)
 
 
-def build_tables(database: Database, inputs: Sequence[Input], protections: Sequence[Protection]) -> DecoderTables:
+def build_tables(
+    database: Database,
+    inputs: Sequence[Input],
+    protections: Sequence[Protection],
+    addresses: Mapping[str, Address] | None = None,
+) -> DecoderTables:
     """Return the tables of inputs and protections that have no `input_problems`."""
     rows = _Rows()
+    addresses = addresses or {}
     by_name = {message.name: message for message in database.messages}
-    names = list(dict.fromkeys(term.message for each in inputs for term in each.signals))
-    index = {name: k for k, name in enumerate(names)}
+    read = list(read_addresses(database, inputs, addresses))
+    index = {at: k for k, at in enumerate(read)}
+
+    def message_of(term: Term) -> int:
+        return index[term.message, at_term(term, by_name[term.message], addresses)]
+
     for each in inputs:
         first = len(rows.terms)
         for term in each.signals:
-            _add_term(rows, by_name[term.message], term, index[term.message])
+            _add_term(rows, by_name[term.message], term, message_of(term))
         bounds = (each.minimum, each.maximum, each.timeout_us)
         factor = (-1, 0, False)
         if each.multiplier is not None:
@@ -157,22 +175,33 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
         rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor, *valid))
     protection_of = {protection.message: protection for protection in protections}
     in_order = sorted(range(len(inputs)), key=lambda k: inputs[k].quantity)
-    for name in names:
-        renewed = [k for k in in_order if any(term.message == name for term in inputs[k].signals)]
-        timeout_us = min(_timeout_us(inputs[k], name) for k in renewed)
-        _add_message(rows, by_name[name], protection_of.get(name, Protection(name)), renewed, timeout_us)
+    for m, (name, address) in enumerate(read):
+        renewed = [k for k in in_order if any(message_of(term) == m for term in inputs[k].signals)]
+        timeout_us = min(_timeout_us(inputs[k], m, message_of) for k in renewed)
+        protection = protection_of.get(name, Protection(name))
+        if protection.channel not in (None, address.channel):
+            protection = Protection(name)
+        _add_message(rows, by_name[name], protection, renewed, timeout_us)
+    messages = np.array(rows.messages, MESSAGE)
     standard = np.full(N_STANDARD_IDS, -1, np.int64)
-    extended = []
-    for name in names:
-        message = by_name[name]
-        if message.is_extended_frame:
-            extended.append((message.frame_id | EXTENDED_ID, index[name]))
+    extended: dict[int, int] = {}
+    groups = []
+    for m in reversed(range(len(read))):  # so that each message leads to a later one
+        address = read[m][1]
+        messages["channel"][m] = -1 if address.channel is None else address.channel
+        if address.mask != EVERY_BIT:
+            groups.append((address.can_id, address.mask, m))
+        elif address.can_id & EXTENDED_ID:
+            messages["next"][m] = extended.get(address.can_id, -1)
+            extended[address.can_id] = m
         else:
-            standard[message.frame_id] = index[name]
+            messages["next"][m] = standard[address.can_id]
+            standard[address.can_id] = m
     return DecoderTables(
         standard,
-        np.array(sorted(extended), EXTENDED),
-        np.array(rows.messages, MESSAGE),
+        np.array(sorted(extended.items()), EXTENDED),
+        np.array(groups, GROUP),
+        messages,
         np.array(rows.pairs, np.int64),
         np.array(rows.inputs, INPUT),
         np.array(rows.terms, TERM),
@@ -182,12 +211,12 @@ def build_tables(database: Database, inputs: Sequence[Input], protections: Seque
     )
 
 
-def _timeout_us(given: Input, message: str) -> int:
+def _timeout_us(given: Input, message: int, message_of: Callable[[Term], int]) -> int:
     """Return for how long what a message brings to an input counts."""
-    if any(term.message == message for term in given.terms):
+    if any(message_of(term) == message for term in given.terms):
         return given.timeout_us
     beside = [each for each in (given.multiplier, given.validity) if each is not None]
-    return min(each.timeout_us for each in beside if each.term.message == message)
+    return min(each.timeout_us for each in beside if message_of(each.term) == message)
 
 
 def _add_term(rows: _Rows, message: Message, term: Term, message_index: int) -> None:
@@ -225,6 +254,7 @@ def _add_message(
             *(-1 if signal is None else rows.add_field(signal) for signal in given),
             bits_of(message, protection.counter_signal),
             *(protection.counter_modulus, protection.max_counter_delta),
+            *(-1, -1),
         )
     )
     rows.pairs += renewed

@@ -44,12 +44,12 @@ def demo(
 
         settings = ["output.enabled=true", *(settings or [])]
         loaded = configuration.load(config, settings, "virtual", f"dctorque demo {time.monotonic_ns()}")
+        show = Demo(loaded, folder, _tell)
     what = "simulating the drive"
     if not STDERR.is_terminal:
         say(what)
     with progress_bar(what) as progress:
         simulated = simulate_car(loaded, DriveName(drive), ProfileName(profile), seed, duration, progress)
-    show = Demo(loaded, folder, _tell)
     with activity("preparing the estimator"):
         show.prepare()
     say(f"{len(simulated.frames)} frames of the {simulated.name} go over a virtual bus to the service")

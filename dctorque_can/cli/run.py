@@ -95,7 +95,7 @@ def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Ser
         refuse_existing(log, [], force)
     wanted = not no_log and (log is not None or config.logging.enabled)
     plan = plan_for(config, log) if wanted else None
-    return Service(config, partial(open_bus, config.can.arguments()), plan, _tell)
+    return Service(config, [partial(open_bus, bus.arguments()) for bus in config.buses], plan, _tell)
 
 
 def _serve(config: Config, service: Service, duration: float | None, wait: bool) -> Summary:
@@ -106,7 +106,7 @@ def _serve(config: Config, service: Service, duration: float | None, wait: bool)
             service.prepare(wait_for_bus=wait)
         compiling_is_over()
         if not service.stopped:
-            say(f"{config.name}: estimating on {config.can.interface}:{config.can.channel}; Ctrl-C stops")
+            say(f"{config.name}: estimating on {' and '.join(map(str, config.buses))}; Ctrl-C stops")
         return service.run(duration)
 
 
@@ -120,7 +120,7 @@ def _tell(is_error: bool, text: str) -> None:
 def _show(summary: Summary) -> None:
     from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
-    link, log = summary.link, summary.log
+    log = summary.log
     say(
         f"{summary.seconds:.1f} s: {summary.frames} frames in, {summary.estimates} estimates, "
         f"{summary.published} frames out"
@@ -134,12 +134,17 @@ def _show(summary: Summary) -> None:
         say(line)
     for line in hint_lines(summary.health["hints"]):
         say(line)
-    if link.lost or link.send_failures or link.error_frames or link.damaged or link.dropped:
-        say(
-            f"bus: lost {link.lost} times, back {link.reconnects} times, {link.error_frames} error frames, "
-            f"{link.bus_offs} bus-offs, {link.dropped} frames not fetched in time, {link.damaged} damaged lines, "
-            f"{link.send_failures} frames not sent"
-        )
+    several = len(summary.buses) > 1
+    for bus in summary.buses:
+        if several or any(bus[name] for name in ("lost", "send_failures", "error_frames", "damaged", "dropped")):
+            state = "" if bus["open"] else "not there at the end, "
+            frames = f"{bus['received']} frames, " if several else ""
+            say(
+                f"{bus['name'] if several else 'bus'}: {frames}{state}lost {bus['lost']} times, "
+                f"back {bus['reconnects']} times, {bus['error_frames']} error frames, {bus['bus_offs']} bus-offs, "
+                f"{bus['dropped']} frames not fetched in time, {bus['damaged']} damaged lines, "
+                f"{bus['send_failures']} frames not sent"
+            )
     if summary.clock_steps:
         say(f"clock: the time of the frames was set {summary.clock_steps} times")
     faults = {name: count for name, count in summary.health.items() if count and name not in ("findings", "hints")}

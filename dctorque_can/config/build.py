@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cantools.database.can import Database
@@ -54,6 +54,7 @@ from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear,
 from dctorque_can.driveline.parameters import Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
 from dctorque_can.estimators.methods import Method
+from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
 from dctorque_can.pipeline.settings import GearInference, OneGear, Settings
 
@@ -72,7 +73,7 @@ class Parts:
     reorder_us: int | None
 
 
-def build_parts(document: Document, database: Database | None) -> Parts | None:
+def build_parts(document: Document, database: Database | None, addresses: Mapping[str, Address]) -> Parts | None:
     """Build settings, inputs and protections; every error goes to ``document.problems``.
 
     Whatever is sound is checked further although something else has errors, so that one run shows all of them.
@@ -86,11 +87,12 @@ def build_parts(document: Document, database: Database | None) -> Parts | None:
     sound_radius = (
         radius if isinstance(radius, int | float) and not isinstance(radius, bool) and radius > 0 else 1.0
     )
-    builder = InputBuilder(document, database, sound_radius)
+    builder = InputBuilder(document, database, addresses, sound_radius)
     _inputs(document, builder)
     gear_source = _gear_source(document, builder, gears, complete)
     phases = _clutch_phase(document, builder, isinstance(gear_source, OneGear))
     estimator = validate(document, ("estimator",), EstimatorSection)
+    builder.check_together()
     protections = _protections(document, builder)
     note_magnitudes(document)
     note_missing_axle(document, builder, vehicle)

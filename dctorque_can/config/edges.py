@@ -12,6 +12,7 @@ from pydantic import Field
 
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
+from dctorque_can.config.signals import ChannelNumber
 
 LAST_STANDARD_ID = 0x7FF
 LAST_EXTENDED_ID = 0x1FFF_FFFF
@@ -24,6 +25,8 @@ class CanSection(Section):
     """Interface of python-can, such as socketcan, pcan, vector, virtual."""
     channel: str | int = "can0"
     """Channel of the interface, such as can0."""
+    number: ChannelNumber | None = None
+    """Number of its channel for `databases` and in the log; default: its place in the list, from 0."""
     bitrate: Annotated[int, Field(ge=1_000, le=10_000_000)] | None = None
     """Bit rate, 1/s; default: as the interface is set up."""
     fd: bool = False
@@ -44,9 +47,12 @@ class CanSection(Section):
 
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of ``can.Bus``; what was not given is left to the interface."""
-        given = {name: value for name, value in dict(self).items() if name not in ("options", "fd")}
+        given = {name: value for name, value in dict(self).items() if name not in ("options", "fd", "number")}
         arguments = {name: value for name, value in given.items() if value is not None}
         return arguments | ({"fd": True} if self.fd else {}) | self.options
+
+    def __str__(self) -> str:
+        return f"{self.interface}:{self.channel}"
 
 
 class OutputSection(Section):
@@ -58,6 +64,8 @@ class OutputSection(Section):
     """DBC of the messages to be sent, relative to this file; default: the dctorque.dbc that ships."""
     ids: dict[str, Annotated[int, Field(ge=0, le=LAST_EXTENDED_ID)]] = Field(default_factory=dict)
     """Message name to arbitration id, instead of the DBC's; ids above 0x7FF are extended (29 bit)."""
+    channel: ChannelNumber | None = None
+    """Number of the bus that they are sent on, of several under `can`; default: the first one."""
 
 
 class LoggingSection(Section):
@@ -94,8 +102,16 @@ class DatabaseSection(Section):
     """Path of the DBC, relative to this file."""
     strict: bool = True
     """false: accept overlapping signals and signals beyond the end of a message."""
-    channel: Annotated[int, Field(ge=0, le=255)] | None = None
-    """Channel of a log that its messages are on, from 0; default: any. A live bus is one channel."""
+    channel: ChannelNumber | None = None
+    """Channel that its messages are on, of a log or a live bus, from 0; default: any."""
+    j1939: bool | None = None
+    """Whether its messages of 29 bits are known by their parameter group number; default: as the DBC says."""
+    source_addresses: dict[str, Annotated[int, Field(ge=0, le=255)]] = Field(default_factory=dict)
+    """Message name to the one J1939 source address from which it is taken; default: any."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.source_addresses and self.j1939 is False:
+            yield ("source_addresses",), "needs messages of J1939: leave j1939: false out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +123,11 @@ class OutputSettings:
         path: where the DBC came from.
         database: the messages to be sent.
         ids: message name to arbitration id, where it differs from the DBC; above 0x7FF extended.
+        channel: number of the bus that they are sent on.
     """
 
     enabled: bool
     path: Path
     database: Database
     ids: dict[str, int]
+    channel: int

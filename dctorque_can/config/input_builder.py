@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from cantools.database.can import Database, Message, Signal
 
-from dctorque_can.bus.problems import input_problems
+from dctorque_can.bus.addresses import read_addresses
+from dctorque_can.bus.problems import input_problems, shared_frames
 from dctorque_can.config.dbc_signal import can_be_negative
 from dctorque_can.config.document import Document
 from dctorque_can.config.inputs import ANY, PLAUSIBLE
@@ -29,6 +30,7 @@ from dctorque_can.config.signals import (
     TermSection,
 )
 from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit, share_of
+from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import Input, Multiplier, Protection, Quantity, Signs, Term, Validity
 
 SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no value", "fault", "error")
@@ -67,8 +69,15 @@ class _Factored(NamedTuple):
 class InputBuilder:
     """Turns the sections of signals into inputs; whatever does not fit the DBC goes to the document's problems."""
 
-    def __init__(self, document: Document, database: Database | None, wheel_radius_m: float):
+    def __init__(
+        self,
+        document: Document,
+        database: Database | None,
+        addresses: Mapping[str, Address],
+        wheel_radius_m: float,
+    ):
         self._document = document
+        self._addresses = addresses
         self._messages: dict[str, Message] = {m.name: m for m in database.messages} if database else {}
         self._database = database
         self._wheel_radius_m = wheel_radius_m
@@ -93,6 +102,7 @@ class InputBuilder:
                     factor=term.factor * factor,
                     offset=term.offset * factor,
                     not_available=frozenset(self._not_available(at, term)),
+                    channel=section.channel,
                 )
             )
             units.append(unit)
@@ -103,7 +113,7 @@ class InputBuilder:
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
         signs = self._signs(path, section, [*terms, *([] if factored is None else [factored.multiplier.term])])
         multiplier = None if factored is None else factored.multiplier
-        valid = self._validity(path, section)
+        valid = self._validity(path, section, section.channel)
         given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs, multiplier, valid)
         if factored is None:
             self._append(path, given, units, self._resolution(terms))
@@ -125,10 +135,10 @@ class InputBuilder:
             known = {
                 raw: value for key, value in values.items() for raw in self._raw((*path, "values", key), name, key)
             }
-            terms.append(Term(message, signal, factor=1.0 / len(names), values=known))
+            terms.append(Term(message, signal, 1.0 / len(names), values=known, channel=section.channel))
         lowest, highest = min(values.values()), max(values.values())
         timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
-        valid = self._validity(path, section)
+        valid = self._validity(path, section, section.channel)
         given = Input(quantity, tuple(terms), float(lowest), float(highest), timeout, delay, validity=valid)
         self._append(path, given, [""] * len(terms))
 
@@ -145,10 +155,24 @@ class InputBuilder:
                     self._complain(path, problem.reason, problem.suggestions)
                 elif dotted((*path, problem.key)) not in reported:
                     self._complain((*path, problem.key), problem.reason, problem.suggestions)
-            used = {term.message for entry in self.entries for term in entry.input.signals}
-            if message in self._messages and message not in used:
+            inputs = [entry.input for entry in self.entries]
+            used = {key for key in read_addresses(self._database, inputs, self._addresses) if key[0] == message}
+            if message in self._messages and not used:
                 self._warn(path, "has no effect: no input comes from this message")
+            elif used and all(section.channel not in (None, address.channel) for _, address in used):
+                reason = "has no effect: no input comes from this message on that channel"
+                self._warn((*path, "channel"), reason)
         return protection
+
+    def check_together(self) -> None:
+        """Report where one frame would be two of the messages that the inputs read."""
+        if self._database is None:
+            return
+        inputs = [entry.input for entry in self.entries]
+        for problem in shared_frames(self._database, inputs, self._addresses):
+            of_message = (e for e in self.entries if any(t.message == problem.message for t in e.input.signals))
+            path = tuple(next(of_message).key.split("."))
+            self._complain(self._place(path, problem.message, ""), f"{problem.message} {problem.reason}")
 
     def _multiplier(self, path: KeyPath, section: InputSection, dimension: Dimension) -> _Factored | None:
         """Return what an input is multiplied with, or divided by."""
@@ -174,11 +198,12 @@ class InputBuilder:
             factor=given.factor * factor,
             offset=given.offset * factor,
             not_available=frozenset(self._not_available(at, term)),
+            channel=section.channel,
         )
         self._check_age(at, message, given.timeout_ms)
         return _Factored(Multiplier(made, _us(given.timeout_ms), key == "divided_by"), unit, factor, has_unit)
 
-    def _validity(self, path: KeyPath, section: ConditionalSection) -> Validity | None:
+    def _validity(self, path: KeyPath, section: ConditionalSection, channel: int | None) -> Validity | None:
         """Return what says whether an input is valid."""
         given = section.valid_if
         if given is None:
@@ -191,7 +216,8 @@ class InputBuilder:
         self._check_age(at, message, given.timeout_ms)
         if not raws:
             return None
-        return Validity(Term(message, signal, values=dict.fromkeys(raws, 1.0)), _us(given.timeout_ms))
+        term = Term(message, signal, values=dict.fromkeys(raws, 1.0), channel=channel)
+        return Validity(term, _us(given.timeout_ms))
 
     def _check_age(self, path: KeyPath, message: str, timeout_ms: float) -> None:
         """Warn of a timeout that one lost frame of a message exceeds."""
@@ -209,7 +235,7 @@ class InputBuilder:
         multiplier_unit: str = "",
     ) -> None:
         if self._database is not None:
-            for problem in input_problems(self._database, (given,), ()):
+            for problem in input_problems(self._database, (given,), (), self._addresses):
                 self._complain(
                     self._place(path, problem.message, problem.signal), problem.reason, problem.suggestions
                 )

@@ -10,6 +10,7 @@ import yaml
 from cantools.database.can import Database
 
 from dctorque_can.config.build import Parts, build_parts
+from dctorque_can.config.buses import output_channel, read_buses
 from dctorque_can.config.databases import DatabaseFiles, Reader
 from dctorque_can.config.document import Document, parse
 from dctorque_can.config.edges import CanSection, LoggingSection, OutputSettings
@@ -17,6 +18,7 @@ from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import ConfigError, Problem
 from dctorque_can.config.section import absent, nearest, problem_order, validate
+from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import Input, Protection
 from dctorque_can.pipeline.settings import Settings
 
@@ -44,11 +46,13 @@ class Config:
         settings: of the estimator core.
         protections: of received messages.
         database: the messages of all DBCs.
-        can: the bus; ``can.arguments()`` goes to ``can.Bus``.
+        buses: of a live service, at least one; ``arguments()`` of each goes to ``can.Bus``.
         output: the messages that are sent.
         logging: the log.
         documents: vehicle file, DBCs and overrides as they were loaded; `load_documents` reads them again.
         entries: the inputs with their keys, units and periods, for people.
+        reorder_us: window within which frames of logs are sorted; None: as their origin asks for.
+        addresses: by what the frames of each message are known, by its name.
         warnings: what is doubtful but usable.
     """
 
@@ -57,14 +61,19 @@ class Config:
     settings: Settings
     protections: tuple[Protection, ...]
     database: Database
-    can: CanSection
+    buses: tuple[CanSection, ...]
     output: OutputSettings
     logging: LoggingSection
     documents: dict[str, bytes]
     entries: tuple[InputEntry, ...]
     reorder_us: int | None
-    channels: dict[int, int]
+    addresses: dict[str, Address]
     warnings: tuple[Problem, ...]
+
+    @property
+    def can(self) -> CanSection:
+        """The first bus, which simulations and recordings are played onto."""
+        return self.buses[0]
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -155,17 +164,17 @@ def _load(
         documents[path.stem + OVERRIDES_SUFFIX] = _quoted(overrides)
     files = DatabaseFiles(document, documents, read, among_documents)
     database = files.vehicle()
-    parts = build_parts(document, database)
-    can = validate(document, ("can",), CanSection)
+    parts = build_parts(document, database, files.addresses)
+    buses = read_buses(document)
     logging = validate(document, ("logging",), LoggingSection)
-    output = files.output(database)
+    output = files.output(database, output_channel(document, buses) if buses else 0)
     problems = sorted(document.without_consequences(), key=problem_order)
-    sound = parts is not None and database is not None and can and logging and output
+    sound = parts is not None and database is not None and buses and logging and output
     if not sound or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
     assert isinstance(parts, Parts)
     assert database is not None
-    assert can is not None
+    assert buses is not None
     assert logging is not None
     assert output is not None
     return Config(
@@ -174,13 +183,13 @@ def _load(
         settings=parts.settings,
         protections=parts.protections,
         database=database,
-        can=can,
+        buses=buses,
         output=output,
         logging=logging,
         documents=documents,
         entries=parts.entries,
         reorder_us=parts.reorder_us,
-        channels=files.channels,
+        addresses=files.addresses,
         warnings=tuple(problems),
     )
 

@@ -34,7 +34,14 @@ def apply_overrides(document: Document, overrides: Mapping[str, str]) -> None:
             reason = f"the value is {parsed.problems[0].reason}"
             document.problems.append(Problem(SOURCE, 0, key, text, reason))
             continue
-        _lay(document, key, parsed.data["value"])
+        _lay(document, _of_first_bus(document, key), parsed.data["value"])
+
+
+def _of_first_bus(document: Document, key: str) -> str:
+    """Return a key such as can.channel as can.0.channel, where `can` is a list of buses."""
+    section, _, rest = key.partition(".")
+    several = section == "can" and isinstance(document.data.get("can"), list)
+    return f"can.0.{rest}" if several and rest and not rest.split(".")[0].isdigit() else key
 
 
 def _lay(document: Document, key: str, value: Any) -> None:

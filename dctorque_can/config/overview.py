@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.load import Config
 from dctorque_can.config.problems import Problem
 from dctorque_can.estimators.methods import Method
+from dctorque_can.pipeline.frames import EVERY_BIT, EXTENDED_ID, SOURCE, group_mask
 from dctorque_can.pipeline.samples import SPEEDS, Quantity, Signs
 
 NO_ESTIMATE = "no valid estimate"
@@ -106,6 +108,7 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "key": entry.key,
         "present": True,
         "signals": [f"{term.message}.{term.signal}" for term in entry.input.terms],
+        "taken_from": _taken_from(entry, config),
         "units": list(entry.units),
         "factors": [term.factor for term in entry.input.terms],
         "offsets": [term.offset for term in entry.input.terms],
@@ -122,6 +125,22 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "protection": kinds,
         "lost": RESIDUAL if entry.key.startswith("inputs.clutch") else _lost(name, config),
     }
+
+
+def _taken_from(entry: InputEntry, config: Config) -> list[str]:
+    """Return by what the messages of an input are known, where it is not their identifier on any channel."""
+    found = []
+    for _, address in read_addresses(config.database, [entry.input], config.addresses):
+        words = []
+        if address.mask != EVERY_BIT:
+            number = (address.can_id & group_mask(address.can_id) & ~EXTENDED_ID) >> 8
+            source = f" from 0x{address.can_id & SOURCE:02X}" if address.mask & SOURCE else ""
+            words.append(f"J1939 {number}{source}")
+        if address.channel is not None:
+            words.append(f"channel {address.channel}")
+        if words:
+            found.append(", ".join(words))
+    return list(dict.fromkeys(found))
 
 
 def _multiplier(entry: InputEntry) -> dict[str, Any] | None:

@@ -10,6 +10,7 @@ from pydantic import Field
 from dctorque_can.bus.checksum_kinds import KINDS, Coverage
 from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
+from dctorque_can.config.signals import ChannelNumber
 from dctorque_can.pipeline.samples import Protection
 
 
@@ -66,6 +67,8 @@ class ProtectionSection(Section):
     """What is XORed to the checksum at the end; default: that of its kind."""
     crc_bytes: Annotated[int, Field(ge=1, le=64)] | None = None
     """How many first bytes of the message the checksum covers; default: all."""
+    channel: ChannelNumber | None = None
+    """Channel on which the message is protected so, where a gateway copies it otherwise; default: all."""
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
         kind = KINDS.get(self.crc)
@@ -111,6 +114,7 @@ class ProtectionSection(Section):
             crc_start=self.crc_start,
             crc_xor=self.crc_xor,
             crc_bytes=self.crc_bytes or 0,
+            channel=self.channel,
         )
 
     @property

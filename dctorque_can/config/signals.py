@@ -39,6 +39,7 @@ def _listed(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
+ChannelNumber = Annotated[int, Field(ge=0, le=255)]
 SignalName = Annotated[str, AfterValidator(_signal_name)]
 RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
 NotAvailable = Annotated[list[RawKey], BeforeValidator(_listed)]
@@ -147,6 +148,8 @@ class InputSection(ConditionalSection):
     """Age at which the input is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
     @model_validator(mode="before")
     @classmethod
@@ -216,6 +219,8 @@ class GearSignalSection(ConditionalSection):
     """Age at which the gear is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class ShiftFlagSection(ConditionalSection):
@@ -231,6 +236,8 @@ class ShiftFlagSection(ConditionalSection):
     """Age at which the flag is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class ClutchStateSection(ConditionalSection):
@@ -244,6 +251,8 @@ class ClutchStateSection(ConditionalSection):
     """Age at which the state is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class DirectionSection(ConditionalSection):
@@ -261,6 +270,8 @@ class DirectionSection(ConditionalSection):
     """Age at which the direction is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
         if self.signal is None and self.signals is None:
@@ -288,6 +299,8 @@ class FlagSection(ConditionalSection):
     """Age at which the flag is stale, ms."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
+    channel: ChannelNumber | None = None
+    """Channel of the signal's message, of a log or a live bus, from 0; default: that of its database."""
 
 
 class PositionSection(InputSection):

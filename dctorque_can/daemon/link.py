@@ -92,6 +92,14 @@ class BusLink:
         """Whether the bus is open."""
         return self._bus is not None
 
+    @property
+    def file_number(self) -> int:
+        """Of the file to wait for (``poll``); -1 while the bus is away, and on interfaces that have none."""
+        try:
+            return -1 if self._bus is None else self._bus.fileno()
+        except Exception:  # noqa: BLE001  an interface may raise whatever its driver raises
+            return -1
+
     def open(self, given_up: Callable[[], bool] = lambda: False) -> None:
         """Open the bus for the first time, unless ``given_up`` says meanwhile that it is not wanted any more.
 
@@ -115,13 +123,17 @@ class BusLink:
 
         The columns are only valid until the next call.
         """
+        rest_s = self._look_again_s - time.monotonic()
+        if rest_s > 0 and self._bus is not None:
+            time.sleep(min(rest_s, REST_S))
+        return self.look(timeout_s)
+
+    def look(self, timeout_s: float) -> Frames:
+        """As `receive`, without a rest: for those who look at several buses."""
         self._take_late_error()
         if self._bus is None and not self._reopen(timeout_s):
             return NOTHING
         assert self._receiver is not None
-        rest_s = self._look_again_s - time.monotonic()
-        if rest_s > 0:
-            time.sleep(min(rest_s, REST_S))
         try:
             frames = self._receiver.receive(timeout_s)
         except DamagedLineError as error:

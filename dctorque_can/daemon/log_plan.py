@@ -106,6 +106,14 @@ class LogPlan:
         return cls(folder, plan["flush_s"], plan["rotate_mb"], plan["rotate_s"], plan["signals"], plan["metadata"])
 
 
+def bus_metadata(config: Config) -> dict[str, dict[str, str]]:
+    """Return which buses a log is of: `bus`, and `bus 1`, … for further channels."""
+    return {
+        f"bus {bus.number}" if n else "bus": {"interface": bus.interface, "channel": str(bus.channel)}
+        for n, bus in enumerate(config.buses)
+    }
+
+
 def plan_for(config: Config, first: Path | None = None) -> LogPlan:
     """Return how ``config`` wants logs to be written; ``first`` is the exact path of the first one.
 
@@ -126,5 +134,5 @@ def plan_for(config: Config, first: Path | None = None) -> LogPlan:
         rotate_mb=settings.rotate_mb or 0.0,
         rotate_s=settings.rotate_s or 0.0,
         signals=settings.signals,
-        metadata={"bus": {"interface": config.can.interface, "channel": str(config.can.channel)}},
+        metadata=bus_metadata(config),
     )

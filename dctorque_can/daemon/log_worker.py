@@ -49,7 +49,8 @@ class LogWorker:
             from dctorque_can.bus.columns import MessageColumns
             from dctorque_can.config.load import load_documents
 
-            self._signals = MessageColumns(load_documents(documents).database)
+            config = load_documents(documents)
+            self._signals = MessageColumns(config.database, config.addresses)
         self._log: McapLog | None = None
         self._opened = 0
         self._began_s = 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,14 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.analysis.health import health_counts, never_received
+from dctorque_can.analysis.origins import OriginWatch
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.analysis.transmission import TransmissionFigures
+from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
+from dctorque_can.config.edges import CanSection
 from dctorque_can.config.load import Config
 from dctorque_can.daemon import socketcan
 from dctorque_can.daemon.clock_watch import ClockWatch
-from dctorque_can.daemon.link import BusError, BusLink, LinkCounts
+from dctorque_can.daemon.link import LinkCounts
+from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogCounts, LogProcess
 from dctorque_can.daemon.publisher import Publisher
@@ -29,12 +33,13 @@ from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE
-from dctorque_can.pipeline.frames import FrameFlag, Frames
+from dctorque_can.pipeline.frames import SOURCE, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Quantity
 
 RECEIVE_TIMEOUT_S = 0.1
 SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 PATIENT_BYTES = 1 << 20
+ORIGINS_S = 2.0  # what messages come from several places is gathered for so long, and told together
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,8 @@ class Summary:
         published: frames sent.
         refused_ids: identifiers that someone else uses.
         clock_steps: times the clock of the frames was set.
-        link: counters of the wire.
+        link: counters of the wire, of all buses together.
+        buses: each bus: its name, the number of its channel, whether it was open at the end, its counters.
         log: counters of the log, or None without one.
         health: counters of the estimator, see `health_counts`.
     """
@@ -73,6 +79,7 @@ class Summary:
     refused_ids: list[int]
     clock_steps: int
     link: LinkCounts
+    buses: list[dict[str, Any]]
     log: LogCounts | None
     health: dict[str, Any]
 
@@ -94,7 +101,7 @@ class Service:
 
     Args:
         config: vehicle, inputs, outputs.
-        connect: opens the bus.
+        connects: opens each bus, in the order of ``config.buses``.
         plan: how to log, or None for no log.
         say: is told remarks for people, one line each: ``say(is_error, text)``.
         patient: wait for the log writer instead of dropping; only for traffic that is not live.
@@ -108,7 +115,7 @@ class Service:
     def __init__(
         self,
         config: Config,
-        connect: Callable[[], can.BusABC],
+        connects: Sequence[Callable[[], can.BusABC]],
         plan: LogPlan | None,
         say: Callable[[bool, str], None],
         patient: bool = False,
@@ -119,7 +126,14 @@ class Service:
         self._patient = patient
         self._news: deque[tuple[bool, str]] = deque()
         self._chain = Chain(config)
-        self._link = BusLink(connect, self._tell)
+        numbers = [bus.number or 0 for bus in config.buses]
+        named = map(NamedBus, map(str, config.buses), numbers, connects)
+        self._links = BusLinks(list(named), self._tell)
+        self._out = numbers.index(config.output.channel)
+        listens = len(config.buses) > 1 or any(not address.mask & SOURCE for address in config.addresses.values())
+        self._origins = OriginWatch(read_addresses(config.database, config.inputs, config.addresses))
+        self._watches_origins = listens
+        self._origins_due_s: float | None = None
         self._log = None if plan is None else LogProcess(plan, config.documents)
         self._recorder: Recorder | None = None
         self._publisher = self._make_publisher()
@@ -130,6 +144,7 @@ class Service:
         self.finishing = False
         self._rotate = False
         self._t_us: int | None = None
+        self._were_up: list[bool] = []
         self._status = StatusShares()
         told = {given.quantity for given in config.inputs}
         self._transmission = TransmissionFigures() if Quantity.TRANSMISSION_TORQUE in told else None
@@ -159,23 +174,18 @@ class Service:
         self.compiling = True
         try:
             self._chain.warm_up()
-            if self._config.can.interface == "socketcan":
+            if any(bus.interface == "socketcan" for bus in self._config.buses):
                 socketcan.warm_up()
             if self._publisher is not None:
                 self._output_encoder().encode(np.zeros(1, ESTIMATE))  # another one: no counter moves
         finally:
             self.compiling = False
-        try:
-            self._link.open(lambda: self._stop)
-        except BusError as error:
-            if not wait_for_bus:
-                raise
-            self._tell(True, f"{error}; waiting for it")
+        self._links.open(lambda: self._stop, wait_for_bus)
         if self._log is not None:
             try:
                 self._log.open()
             except BaseException:
-                self._link.close()
+                self._links.close()
                 raise
             settings = self._config.logging
             self._recorder = Recorder(self._log, settings.frames, settings.estimates)
@@ -193,7 +203,7 @@ class Service:
         try:
             now_s = began_s
             while not self._stop and now_s < until_s:
-                frames = self._link.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
+                frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
                 if len(frames):
                     self._take(frames)
                 now_s = time.monotonic()
@@ -201,7 +211,8 @@ class Service:
             seconds, cpu_s = now_s - began_s, time.thread_time() - began_cpu_s
         finally:
             self._systemd.stopping()
-            self._link.close()
+            self._were_up = [link.up for link in self._links.links]
+            self._links.close()
             self.finishing = True
             if self._recorder is not None:
                 self._pass_on_news()
@@ -216,7 +227,9 @@ class Service:
         self._t_us = int(frames.t_us[-1])
         self._clock.look(frames.t_us, time.monotonic())
         if self._publisher is not None:
-            self._publisher.hear(frames)
+            self._publisher.hear(frames if len(self._links.buses) == 1 else frames[frames.channel == self._number])
+        if self._watches_origins and self._origins.take(frames) and self._origins_due_s is None:
+            self._origins_due_s = time.monotonic() + ORIGINS_S
         estimates = self._chain.feed(frames)
         if len(estimates):
             self._status.count(estimates.rows["t_us"], estimates.rows["status"])
@@ -228,11 +241,12 @@ class Service:
         if self._recorder is not None:
             self._recorder.frames(frames)
             self._recorder.estimates(estimates)
-            if sent is not None and len(sent) and not self._config.can.receive_own_messages:
+            if sent is not None and len(sent) and not self._out_bus.receive_own_messages:
+                sent.channel[:] = self._number
                 self._recorder.frames(sent)
 
     def _mark_own(self, frames: Frames) -> None:
-        """Tell our own frames, which come back with ``can.receive_own_messages``, from those of others.
+        """Tell our own frames, which come back with ``receive_own_messages`` of their bus, from those of others.
 
         Drivers call whatever this computer sends transmitted, also what other programs on it send.
         """
@@ -240,8 +254,8 @@ class Service:
             return
         local = (frames.flags & FrameFlag.TRANSMITTED) != 0
         frames.flags[local] &= ~np.uint8(FrameFlag.TRANSMITTED)
-        if self._publisher is not None and self._config.can.receive_own_messages:
-            own = local & np.isin(frames.can_id, list(self._publisher.can_ids))
+        if self._publisher is not None and self._out_bus.receive_own_messages:
+            own = local & (frames.channel == self._number) & np.isin(frames.can_id, list(self._publisher.can_ids))
             frames.flags[own] |= np.uint8(FrameFlag.SENT)
 
     def _keep_time(self, now_s: float) -> None:
@@ -253,8 +267,14 @@ class Service:
             self._recorder.keep_time(now_s)
             if self._patient:
                 self._recorder.wait_for_room(PATIENT_BYTES)
+        if self._origins_due_s is not None and now_s >= self._origins_due_s:
+            self._origins_due_s = None
+            for line in self._origins.news():
+                self._tell(True, line)
         self._pass_on_news()
-        self._systemd.keep_time(now_s, self.received, "estimating" if self._link.up else "waiting for the bus")
+        away = self._links.away
+        state = f"waiting for {' and '.join(away)}" if away else "estimating"
+        self._systemd.keep_time(now_s, self.received, state)
 
     def _tell(self, is_error: bool, text: str) -> None:
         self._news.append((is_error, text))
@@ -270,8 +290,19 @@ class Service:
         while self._log is not None and self._log.news:
             self._say(*self._log.news.popleft())
 
+    @property
+    def _out_bus(self) -> CanSection:
+        return self._config.buses[self._out]
+
+    @property
+    def _number(self) -> int:
+        """Of the channel that estimates are sent on."""
+        return self._config.output.channel
+
     def _make_publisher(self) -> Publisher | None:
-        return Publisher(self._output_encoder(), self._link, self._tell) if self._config.output.enabled else None
+        if not self._config.output.enabled:
+            return None
+        return Publisher(self._output_encoder(), self._links.links[self._out], self._tell)
 
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)
@@ -287,10 +318,14 @@ class Service:
             status_time=self._status.time_as_json(),
             transmission=self._transmission.as_json() if self._transmission is not None else None,
             never_received=never_received(self._config.inputs, self._chain.health),
-            published=self._link.counts.sent,
+            published=self._links.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
             clock_steps=self._clock.steps,
-            link=self._link.counts,
+            link=self._links.counts,
+            buses=[
+                {"name": bus.name, "number": bus.number, "open": up, **asdict(link.counts)}
+                for bus, link, up in zip(self._links.buses, self._links.links, self._were_up, strict=True)
+            ],
             log=self._log.counts if self._log is not None else None,
             health=health_counts(self._chain.health),
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.pipeline.frames import FrameFlag, Frames
+from dctorque_can.pipeline.frames import Address, FrameFlag, Frames
 
 _NO_DATA = int(FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.SENT)
 _LONGEST_MS = 10_000
@@ -34,29 +34,29 @@ class Intervals:
     """Measures the times between frames of some messages, to a tenth of a millisecond and up to 10 s.
 
     Args:
-        can_ids: of the messages, with `EXTENDED_ID` set for 29-bit ones.
+        addresses: by what the messages are known.
     """
 
-    def __init__(self, can_ids: Iterable[int]) -> None:
+    def __init__(self, addresses: Iterable[Address]) -> None:
         bins = int(_LONGEST_MS / _STEP_MS) + 1
-        self._counts: dict[int, NDArray[np.int64]] = {can_id: np.zeros(bins, np.int64) for can_id in can_ids}
-        self._last_us: dict[int, int] = {}
+        self._counts: dict[Address, NDArray[np.int64]] = {each: np.zeros(bins, np.int64) for each in addresses}
+        self._last_us: dict[Address, int] = {}
 
     def take(self, frames: Frames) -> None:
         """Count a batch; a step of the clock back counts for nothing."""
-        for can_id, counts in self._counts.items():
-            t_us = frames.t_us[(frames.can_id == can_id) & (frames.flags & _NO_DATA == 0)]
+        for address, counts in self._counts.items():
+            t_us = frames.t_us[address.rows(frames) & (frames.flags & _NO_DATA == 0)]
             if not len(t_us):
                 continue
-            before = self._last_us.get(can_id)
+            before = self._last_us.get(address)
             steps = np.diff(t_us) if before is None else np.diff(t_us, prepend=before)
-            self._last_us[can_id] = int(t_us[-1])
+            self._last_us[address] = int(t_us[-1])
             steps_ms = np.minimum(steps[steps >= 0] / 1000, _LONGEST_MS)
             counts += np.bincount(np.round(steps_ms / _STEP_MS).astype(np.int64), minlength=len(counts))
 
-    def of(self, can_id: int) -> Interval | None:
+    def of(self, address: Address) -> Interval | None:
         """Return what was measured of a message; None of one that did not come twice."""
-        total = np.cumsum(self._counts[can_id])
+        total = np.cumsum(self._counts[address])
         if not total[-1]:
             return None
         median, usual = (

@@ -52,8 +52,8 @@ def judge(logs: Sequence[LogReader], config: Config, progress: Callable[[float],
         DctorqueError: a log cannot be read.
     """
     mapped = mapped_messages(config)
-    intervals = Intervals(mapped)
+    intervals = Intervals(message.address for message in mapped)
     replay = replay_logs(logs, config, ReplayTargets(None), ReplayContent(), progress, intervals.take)
-    found = {message.name: intervals.of(can_id) for can_id, message in mapped.items()}
+    found = {message.name: intervals.of(message.address) for message in reversed(mapped)}
     measured = {name: interval for name, interval in found.items() if interval is not None}
     return Judged(findings(config, replay.health, replay.never_received, measured), replay)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.link import open_bus
-from dctorque_can.daemon.log_plan import LogFolder, LogPlan
+from dctorque_can.daemon.log_plan import LogFolder, LogPlan, bus_metadata
 from dctorque_can.daemon.service import Service, Summary
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.reader import read_table
@@ -69,9 +69,14 @@ class Demo:
         config: must use the virtual interface.
         folder: takes ``demo.mcap``; is made when missing, a file of that name is replaced.
         say: is told remarks of the service.
+
+    Raises:
+        DctorqueError: the configuration has several buses.
     """
 
     def __init__(self, config: Config, folder: Path, say: Callable[[bool, str], None]) -> None:
+        if len(config.buses) > 1:
+            raise DctorqueError(f"{config.name}: has {len(config.buses)} buses under can; the demo has one")
         folder.mkdir(parents=True, exist_ok=True)
         self._log = folder / "demo.mcap"
         plan = LogPlan(
@@ -80,10 +85,10 @@ class Demo:
             rotate_mb=0,
             rotate_s=0,
             signals=config.logging.signals,
-            metadata={"bus": {"interface": config.can.interface, "channel": str(config.can.channel)}},
+            metadata=bus_metadata(config),
         )
         self._connect = partial(open_bus, config.can.arguments())
-        self._service = Service(config, self._connect, plan, say, patient=True)
+        self._service = Service(config, [self._connect], plan, say, patient=True)
         self._summary: Summary | None = None
         self._failure: BaseException | None = None
         self._heard = 0

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
-from dctorque_can.analysis.traffic import MappedMessage, Traffic, on_their_channels
+from dctorque_can.analysis.traffic import MappedMessage, Traffic
 from dctorque_can.analysis.transmission import TransmissionFigures
+from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
@@ -32,7 +33,7 @@ from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
 from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
-from dctorque_can.pipeline.frames import EXTENDED_ID, Frames
+from dctorque_can.pipeline.frames import Frames
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ def replay_logs(
     progress: Callable[[float], None],
     watch: Callable[[Frames], None] = lambda frames: None,
 ) -> ReplayResult:
-    """Estimate over ``logs``, one after another as one sequence; ``watch`` is shown what is estimated over.
+    """Estimate over ``logs``, one after another as one sequence; ``watch`` is shown every batch.
 
     Raises:
         DctorqueError: the log cannot be written (then what was written until then is removed), there is no
@@ -212,7 +213,8 @@ def replay_logs(
                 before = replay.traffic.frames
                 order = Reorder(reorder_window_us(reader, config))
                 for frames in order.sorted(reader.dated_frames()):
-                    watch(replay.take(frames))
+                    replay.take(frames)
+                    watch(frames)
                     progress(read * (number + reader.fraction) / len(logs))
                 count = replay.traffic.frames - before
                 held.append(Held(str(reader.path), count, reader.unread, order.moved, order.furthest_us))
@@ -249,18 +251,19 @@ def reorder_window_us(log: LogReader, config: Config) -> int:
     return 0 if log.documents else REORDER_US
 
 
-def mapped_messages(config: Config) -> dict[int, MappedMessage]:
-    """Return the messages that inputs come from, by their identifier."""
+def mapped_messages(config: Config) -> list[MappedMessage]:
+    """Return the messages that inputs come from, each on its channel."""
     mapped: dict[str, set[str]] = {}
-    for term in (term for entry in config.inputs for term in entry.terms):
+    for term in (term for entry in config.inputs for term in entry.signals):
         mapped.setdefault(term.message, set()).add(term.signal)
-    found: dict[int, MappedMessage] = {}
-    for message in config.database.messages:
-        if message.name in mapped:
-            protection = next((p for p in config.protections if p.message == message.name), None)
-            needed = bytes_needed(message, mapped[message.name], protection)
-            can_id = message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0)
-            found[can_id] = MappedMessage(message.name, message.length, needed)
+    found = []
+    for (name, address), message in read_addresses(config.database, config.inputs, config.addresses).items():
+        if name in mapped:
+            protection = next(
+                (p for p in config.protections if p.message == name and p.channel in (None, address.channel)), None
+            )
+            needed = bytes_needed(message, mapped[name], protection)
+            found.append(MappedMessage(name, address, message.length, needed))
     return found
 
 
@@ -268,9 +271,7 @@ class _Replay:
     """One pass: the chain, its targets, and what went through."""
 
     def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
-        mapped = mapped_messages(config)
-        self._channels = {can_id: config.channels[can_id] for can_id in mapped if can_id in config.channels}
-        self.traffic = Traffic(mapped, self._channels)
+        self.traffic = Traffic(mapped_messages(config))
         self.status = StatusShares()
         self.transmission = TransmissionFigures()
         self.time = TrafficTime()
@@ -278,7 +279,7 @@ class _Replay:
         self._content = content
         self._player = targets.player
         self._chain = Chain(config, content.smooth)
-        self._signals = MessageColumns(config.database) if content.signals else None
+        self._signals = MessageColumns(config.database, config.addresses) if content.signals else None
         self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
         self._rows: list[NDArray[np.void]] = []
         self._waiting: list[tuple[Frames, int, NDArray[np.void]]] = []  # frames, number of estimates, health
@@ -301,22 +302,16 @@ class _Replay:
         """Mapped inputs of which no usable value came."""
         return never_received(self._config.inputs, self._chain.health)
 
-    def take(self, frames: Frames) -> Frames:
-        """Do the whole job for one batch; if estimates are to be smoothed, only up to them.
-
-        Returns:
-            The frames that were fed to the estimator.
-        """
+    def take(self, frames: Frames) -> None:
+        """Do the whole job for one batch; if estimates are to be smoothed, only up to them."""
         self.time.take(frames.t_us)
         self.traffic.take(frames)
-        fed = on_their_channels(frames, self._channels)
-        estimates = self._chain.feed(fed)
+        estimates = self._chain.feed(frames)
         if not self._content.smooth:
             self._give(frames, estimates)
-            return fed
+            return
         needed = self._content.frames or self._content.signals or self._player is not None
         self._waiting.append((frames if needed else Frames.empty(), len(estimates), estimates.health))
-        return fed
 
     def smooth(self, progress: Callable[[float], None]) -> None:
         """Do the rest for all batches that wait for their estimates to be smoothed."""

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.config.load import Config
 from dctorque_can.driveline.parameters import DrivenAxle, Vehicle
 from dctorque_can.logs.convert import write_frames
@@ -218,7 +219,9 @@ def frames_of(config: Config, truth: NDArray[np.void], sensors: SensorProfile, s
         mass = settings.vehicle.chassis.mass_kg
         clutches = settings.phases.clutches
         sent = own_bus(settings.inputs, config.protections, clutches, mass, config.database, sensors)
-    return emit_frames(truth, settings.vehicle, sensors, config.database, start_us, sent)
+    read_from = reversed(read_addresses(config.database, config.inputs, config.addresses))
+    addresses = config.addresses | dict(read_from)
+    return emit_frames(truth, settings.vehicle, sensors, config.database, start_us, sent, addresses)
 
 
 def drive_of(config: Config, name: DriveName, seed: int, duration_s: float | None) -> Drive:

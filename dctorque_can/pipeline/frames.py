@@ -12,6 +12,21 @@ from numpy.typing import NDArray
 
 EXTENDED_ID = 0x8000_0000  # set in ``can_id`` for 29-bit identifiers, as SocketCAN does
 
+EVERY_BIT = 0xFFFF_FFFF
+
+# An identifier of SAE J1939-21: priority 3 bits, parameter group number 18, source address 8. The last byte of the
+# number is a destination in PDU1, and a part of the number in PDU2.
+PRIORITY = 0x1C00_0000
+DESTINATION = 0x0000_FF00
+SOURCE = 0x0000_00FF
+_FIRST_PDU2 = 240  # of the byte "PDU format", bits 16 to 23
+
+
+def group_mask(can_id: int) -> int:
+    """Return the bits by which a J1939 identifier is known: its parameter group number, and `EXTENDED_ID`."""
+    is_pdu1 = (can_id >> 16) & 0xFF < _FIRST_PDU2
+    return EVERY_BIT & ~(PRIORITY | SOURCE | (DESTINATION if is_pdu1 else 0))
+
 
 class FrameFlag(IntFlag):
     """Bits of ``Frames.flags``."""
@@ -23,6 +38,35 @@ class FrameFlag(IntFlag):
     ERROR = 16
     SENT = 32  # transmitted by us
     TRANSMITTED = 64  # marked Tx by whatever recorded the log: an input like any other
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Which frames are one message.
+
+    Attributes:
+        can_id: its identifier, with `EXTENDED_ID` set for a 29-bit one.
+        mask: the bits of the identifier by which it is known; all of them, but for J1939.
+        channel: on which it counts; None: on any.
+    """
+
+    can_id: int
+    mask: int = EVERY_BIT
+    channel: int | None = None
+
+    def has(self, can_id: int, channel: int) -> bool:
+        """Return whether a frame is this message."""
+        return (can_id ^ self.can_id) & self.mask == 0 and self.channel in (None, channel)
+
+    def meets(self, other: Address) -> bool:
+        """Return whether one frame could be both."""
+        known = (self.can_id ^ other.can_id) & self.mask & other.mask == 0
+        return known and (None in (self.channel, other.channel) or self.channel == other.channel)
+
+    def rows(self, frames: Frames) -> NDArray[np.bool_]:
+        """Return which frames are this message, bool ``[n]``."""
+        known: NDArray[np.bool_] = (frames.can_id & np.uint32(self.mask)) == np.uint32(self.can_id & self.mask)
+        return known if self.channel is None else known & (frames.channel == self.channel)
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,6 +118,7 @@ class Term:
         offset: added after ``factor``, SI.
         not_available: raw (undecoded) values that mean "no value".
         values: raw value to value, instead of the DBC's scaling; a raw value that is missing here is "no value".
+        channel: on which its message counts; None: where the database of the message is.
     """
 
     message: str
@@ -126,6 +127,7 @@ class Term:
     offset: float = 0.0
     not_available: frozenset[int] = frozenset()
     values: dict[int, float] = field(default_factory=dict)
+    channel: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +214,7 @@ class Protection:
         crc_start: what the checksum starts with, None for that of its kind.
         crc_xor: what is XORed to it at the end, None for that of its kind.
         crc_bytes: how many first bytes of the message are covered, 0 for all.
+        channel: on which the message is protected so; None: on all.
     """
 
     message: str
@@ -228,6 +231,7 @@ class Protection:
     crc_start: int | None = None
     crc_xor: int | None = None
     crc_bytes: int = 0
+    channel: int | None = None
 
     @property
     def counter_signals(self) -> tuple[str, ...]:

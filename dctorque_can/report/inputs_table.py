@@ -67,7 +67,7 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
         timeout += f"\nif {row['valid_if']['timeout_ms']:g} ms"
     return {
         "quantity": row["quantity"],
-        "signal": "\n".join([*row["signals"], *signal]),
+        "signal": "\n".join([*row["signals"], *signal, *row["taken_from"]]),
         "to SI": "\n".join([*conversions, *conversion]),
         "range (SI)": "\n".join(filter(None, (_range(row["minimum"], row["maximum"]), row["sign"]))),
         "period": f"{row['period_ms']:g} ms" if row["period_ms"] else "?",

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dctorque_can.analysis.traffic import Traffic, identifier_text
+from dctorque_can.analysis.origins import identifier_text, listed, shared_lines
+from dctorque_can.analysis.traffic import Traffic
+from dctorque_can.pipeline.frames import EVERY_BIT, SOURCE
 
 MOST_IDENTIFIERS = 8
 MOST_TOPICS = 12
@@ -47,13 +49,13 @@ def missing_lines(traffic: Traffic, health: Mapping[str, Any], reorder: str = ""
     """
     mapped = traffic.mapped_frames
     if not mapped:
-        wanted = [
-            f"{identifier_text(can_id)} {message.name}" for can_id, message in sorted(traffic.mapped.items())
-        ]
+        by_id = sorted(traffic.messages, key=lambda message: message.mapped.address.can_id)
+        wanted = [str(message.origins) for message in by_id]
         seen = [f"{identifier_text(can_id)} ({count})" for can_id, count in traffic.most_seen(MOST_IDENTIFIERS)]
         return [
             f"none of the {traffic.frames} frames has a mapped identifier: the log holds {', '.join(seen)}; "
-            f"mapped are {listed(wanted, MOST_TOPICS)}"
+            f"mapped are {listed(wanted, MOST_TOPICS)}",
+            *_other_source_lines(traffic),
         ]
     lines = []
     late, resets = health["late_frames"], health["clock_resets"]
@@ -68,19 +70,30 @@ def missing_lines(traffic: Traffic, health: Mapping[str, Any], reorder: str = ""
             f"the clock of the log went back {times} by more than estimator.max_step_back_ms: the estimator "
             "began anew; are these several recordings, or the parts of one in another order?"
         )
-    return lines + _channel_lines(traffic)
-
-
-def _channel_lines(traffic: Traffic) -> list[str]:
-    shared = {can_id: m.channels for can_id, m in traffic.messages.items() if len(m.channels) > 1}
-    if not shared:
-        return []
-    channels = sorted(set().union(*shared.values()))
-    names = [f"{identifier_text(can_id)} {traffic.mapped[can_id].name}" for can_id in sorted(shared)]
     return [
-        f"channels {' and '.join(map(str, channels))} both carry mapped identifiers: {listed(names, MOST_TOPICS)}"
-        "; frames of all of them are taken, unless `channel:` of the database names one"
+        *lines,
+        *_other_source_lines(traffic),
+        *shared_lines([message.origins for message in traffic.messages]),
     ]
+
+
+def _other_source_lines(traffic: Traffic) -> list[str]:
+    """Return which messages did not come, but others of their J1939 number."""
+    lines = []
+    for message in traffic.messages:
+        address = message.mapped.address
+        if message.frames or not address.mask & SOURCE:
+            continue
+        others = [(can_id, count) for can_id, count in traffic.same_group(message) if can_id != address.can_id]
+        if others:
+            seen = listed([f"{identifier_text(can_id)} ({count})" for can_id, count in others], MOST_IDENTIFIERS)
+            what = (
+                "take another source address in `source_addresses:` of the database"
+                if address.mask != EVERY_BIT
+                else "is this J1939? Then say `j1939: true` of the database"
+            )
+            lines.append(f"{message.origins}: none came, but of its J1939 parameter group {seen}: {what}")
+    return lines
 
 
 def short_lines(traffic: Traffic, lacking: bool) -> list[str]:
@@ -89,9 +102,9 @@ def short_lines(traffic: Traffic, lacking: bool) -> list[str]:
     With ``lacking`` those in which something is missing that is mapped, else those in which nothing is.
     """
     lines = []
-    for can_id, message in sorted(traffic.messages.items()):
-        if message.short and lacking == (message.shortest < traffic.mapped[can_id].needed):
-            known = traffic.mapped[can_id]
+    for message in traffic.messages:
+        known = message.mapped
+        if message.short and lacking == (message.shortest < known.needed):
             what = (
                 "mapped signals behind the end are not available, and a counter or CRC there is an error"
                 if lacking
@@ -99,13 +112,7 @@ def short_lines(traffic: Traffic, lacking: bool) -> list[str]:
             )
             count = f"{message.short} of {message.frames} frames are shorter"
             lines.append(
-                f"{known.name} ({identifier_text(can_id)}): {count} than the {known.length} bytes "
+                f"{known.name} ({identifier_text(known.address.can_id)}): {count} than the {known.length} bytes "
                 f"of the DBC, down to {message.shortest}; {what}"
             )
     return lines
-
-
-def listed(items: Sequence[str], most: int) -> str:
-    """Return items with commas, and how many more there are."""
-    more = f" and {len(items) - most} more" if len(items) > most else ""
-    return ", ".join(items[:most]) + more

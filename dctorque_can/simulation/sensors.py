@@ -17,11 +17,12 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
+from dctorque_can.bus.addresses import address_of
 from dctorque_can.bus.encoder import MessageEncoder
 from dctorque_can.bus.layout import MAX_BYTES
 from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+from dctorque_can.pipeline.frames import Address, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Protection
 from dctorque_can.simulation.messages import COLUMNS, Sampled
 from dctorque_can.simulation.one_gear import GearChange
@@ -232,7 +233,7 @@ def sent_by_demo_car(profile: SensorProfile, database: Database) -> Sent:
             counter_modulus=15,
             crc="e2e_p01",
             crc_signal=f"{name}Crc",
-            data_id=known[name].frame_id,
+            data_id=known[name].frame_id & 0xFFFF,
         )
     return Sent(profile.timing, COLUMNS, protections)
 
@@ -247,6 +248,7 @@ class FrameEmitter:
         profile: how the car measures and sends.
         database: with the messages that are sent.
         sent: what is; None for what the demo car sends.
+        addresses: identifier and channel on which a message is sent, by its name, where they are not the DBC's.
 
     Raises:
         DctorqueError: the database lacks a message of the demo car, or a message cannot be sent.
@@ -256,6 +258,7 @@ class FrameEmitter:
     profile: SensorProfile
     database: Database
     sent: Sent | None = None
+    addresses: Mapping[str, Address] = field(default_factory=dict)
     _sent: Sent = field(init=False)
     _encoders: dict[str, MessageEncoder] = field(init=False)
     _random: dict[str, np.random.Generator] = field(init=False)
@@ -299,7 +302,9 @@ class FrameEmitter:
         frames.flags[:] = FrameFlag.FD if is_fd else 0
         late = timing.delay_us + random.integers(0, timing.jitter_us, len(at_us), endpoint=True)
         frames.t_us[:] = at_us - first + start_us + late
-        frames.can_id[:] = message.frame_id | (EXTENDED_ID if message.is_extended_frame else 0)
+        address = address_of(message, self.addresses)
+        frames.can_id[:] = address.can_id
+        frames.channel[:] = address.channel or 0
         frames.length[:] = message.length
         frames.data[:, : message.length] = payload
         return frames
@@ -312,13 +317,14 @@ def emit_frames(
     database: Database,
     start_us: int = 0,
     sent: Sent | None = None,
+    addresses: Mapping[str, Address] | None = None,
 ) -> Frames:
     """Return the CAN frames of one drive, sorted by arrival; see `FrameEmitter`.
 
     Raises:
         DctorqueError: as for `FrameEmitter`.
     """
-    return FrameEmitter(vehicle, profile, database, sent).emit(truth, start_us)
+    return FrameEmitter(vehicle, profile, database, sent, addresses or {}).emit(truth, start_us)
 
 
 def length_us(truth: NDArray[np.void]) -> int:

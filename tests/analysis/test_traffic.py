@@ -1,12 +1,18 @@
 """What a recording holds is counted, and told in sentences."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from dctorque_can.analysis.traffic import MappedMessage, Traffic, identifier_text, on_their_channels
-from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+from dctorque_can.analysis.origins import identifier_text
+from dctorque_can.analysis.traffic import MappedMessage, Traffic
+from dctorque_can.pipeline.frames import EXTENDED_ID, Address, FrameFlag, Frames
 from dctorque_can.report.traffic_lines import holds_no_frames, missing_lines, not_our_own, short_lines
 
-MAPPED = {0x100: MappedMessage("Engine", 8, 6), 0x18FEF100 | EXTENDED_ID: MappedMessage("Road", 4, 4)}
+MAPPED = (
+    MappedMessage("Engine", Address(0x100), 8, 6),
+    MappedMessage("Road", Address(0x18FEF100 | EXTENDED_ID), 4, 4),
+)
 CALM = {"late_frames": 0, "clock_resets": 0}
 
 
@@ -74,13 +80,13 @@ def test_two_channels_with_mapped_identifiers():
 
 def test_a_message_counts_on_its_channel():
     rows = [(0x100, 8, 0, 0), (0x100, 8, 3, 0), (0x100, 5, 3, 0), (0x200, 8, 3, 0)]
-    traffic = Traffic(MAPPED, {0x100: 0})
+    traffic = Traffic([replace(MAPPED[0], address=Address(0x100, channel=0))])
     traffic.take(frames(rows))
-    assert traffic.messages[0x100].frames == 1
+    assert traffic.mapped_frames == 1
     assert missing_lines(traffic, CALM) == []
-    kept = on_their_channels(frames(rows), {0x100: 3})
-    assert kept.can_id.tolist() == [0x100, 0x100, 0x200]
-    assert on_their_channels(kept, {}) is kept
+    traffic = Traffic([replace(MAPPED[0], address=Address(0x100, channel=3))])
+    traffic.take(frames(rows))
+    assert (traffic.mapped_frames, traffic.messages[0].shortest) == (2, 5)
 
 
 def test_short_frames():

@@ -1,6 +1,6 @@
 """Two processes on a real SocketCAN bus: one injects, one estimates; and what they survive.
 
-Needs vcan0: ``tools/with-vcan pytest -m socketcan`` where the kernel has none.
+Needs vcan0 and vcan1: ``tools/with-vcan pytest -m socketcan`` where the kernel has none.
 """
 
 import json
@@ -32,16 +32,25 @@ from dctorque_can.resources import shipped_config, shipped_dbc
 pytestmark = pytest.mark.socketcan
 
 PAPER = shipped_config("paper_car")
+CAR = [str(PAPER), "-i", "socketcan", "--channel", "vcan0"]
 SECONDS = 6
 HANG_S = 900  # so late that no load of the machine explains it
 FRAMES = 400 * SECONDS
 
 
 class Daemon:
-    """``dctorque run`` on vcan0."""
+    """``dctorque run``, on vcan0 unless told otherwise."""
 
-    def __init__(self, command: list[str], environment: dict[str, str], folder: Path, log: str) -> None:
-        arguments = ["run", str(PAPER), "-i", "socketcan", "--channel", "vcan0", "--log", log, "--json"]
+    def __init__(
+        self,
+        command: list[str],
+        environment: dict[str, str],
+        folder: Path,
+        log: str,
+        car: list[str] = CAR,
+        buses: str = "vcan0",
+    ) -> None:
+        arguments = ["run", *car, "--log", log, "--json"]
         self.log = folder / log
         self.err: list[str] = []
         self.process = subprocess.Popen(
@@ -53,7 +62,7 @@ class Daemon:
             text=True,
             start_new_session=True,
         )
-        self.read_until("estimating on socketcan:vcan0")
+        self.read_until(f"estimating on socketcan:{buses};")
 
     def read_until(self, text: str) -> None:
         assert self.process.stderr is not None
@@ -287,3 +296,53 @@ def test_nothing_is_sent_on_an_identifier_of_someone_else(start, inject) -> None
     assert summary["refused_ids"] == [taken]
     assert taken not in heard
     assert summary["published"] > 0
+
+
+def test_two_buses_are_one_service(command: list[str], environment: dict[str, str], tmp_path: Path) -> None:
+    """The car is on channel 5 alone; the other bus has its identifiers too, goes away, and gets the estimates."""
+    text = PAPER.read_text().replace("../dbc/demo_car.dbc", str(shipped_dbc("demo_car")))
+    lines = [line for line in text.splitlines() if not line.startswith(("can:", "output:"))]
+    lines += [
+        "can:",
+        "  - {interface: socketcan, channel: vcan0}",
+        "  - {interface: socketcan, channel: vcan1, number: 5}",
+        "output: {enabled: true, channel: 0}",
+    ]
+    (tmp_path / "two.yaml").write_text("\n".join(lines).replace("strict: true}", "channel: 5}"))
+    daemon = Daemon(command, environment, tmp_path, "two.mcap", ["two.yaml"], "vcan0 and socketcan:vcan1")
+    car = [*command, "simulate", "-i", "socketcan", "--duration", str(SECONDS), "--channel"]
+    both = [
+        subprocess.Popen([*car, name], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
+        for name in ("vcan0", "vcan1")
+    ]
+    while daemon.received() < FRAMES:
+        time.sleep(0.1)
+    set_link("down")
+    daemon.read_until("socketcan:vcan0: the bus is gone")
+    set_link("up")
+    daemon.read_until("socketcan:vcan0: the bus is open again")
+    for process in both:
+        sent_by(process)
+    summary = daemon.stop()
+    first, second = summary["buses"]
+    assert (first["name"], first["number"], second["name"], second["number"]) == (
+        *("socketcan:vcan0", 0),
+        *("socketcan:vcan1", 5),
+    )
+    assert first["lost"] >= 1
+    assert (second["lost"], second["received"]) == (0, FRAMES)
+    assert summary["never_received"] == []
+    assert summary["health"]["late_frames"] == 0
+    assert summary["valid_estimates"] > 0
+    frames = frames_in(daemon.log, sent=False)
+    assert (np.diff(frames.t_us) >= 0).all()
+    assert np.count_nonzero(frames.channel == 5) == FRAMES
+    sent = frames_in(daemon.log, sent=True)
+    assert len(sent) == summary["published"] > 0
+    assert not sent.channel.any()
+    done = subprocess.run(
+        [*command, "replay", "two.mcap", "-o", "again.mcap"], cwd=tmp_path, env=environment, check=False
+    )
+    assert done.returncode == 0
+    live, again = (read_table(tmp_path / name, ESTIMATES) for name in ("two.mcap", "again.mcap"))
+    assert live.tobytes() == again.tobytes()

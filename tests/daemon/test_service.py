@@ -56,7 +56,7 @@ class Live:
 def start(config: Config, connect: Connect, log: Path | None) -> Live:
     told: list[str] = []
     plan = None if log is None else plan_for(config, log)
-    service = Service(config, connect, plan, lambda is_error, text: told.append(text))
+    service = Service(config, [connect], plan, lambda is_error, text: told.append(text))
     service.prepare()
     summaries: list[Summary] = []
     thread = threading.Thread(target=lambda: summaries.append(service.run()), daemon=True)
@@ -208,7 +208,7 @@ def test_frames_of_other_programs_on_this_computer_are_inputs(
     for i in range(400):
         message = message_from_frame(drive.frames, i)
         message.is_rx = False
-        live.service._link._bus.queue.put(message)  # type: ignore[union-attr]
+        live.service._links.links[0]._bus.queue.put(message)  # type: ignore[union-attr]
     live.wait_for(400)
     assert live.stop().estimates > 300
 
@@ -230,11 +230,11 @@ def test_the_loss_of_the_bus_resets_and_is_noted_in_the_log(
     send(connect, before)
     live.wait_for(len(before))
     gone.set()
-    live.service._link._bus.shutdown()  # type: ignore[union-attr]
-    while live.service._link.up:
+    live.service._links.links[0]._bus.shutdown()  # type: ignore[union-attr]
+    while not live.service._links.away:
         time.sleep(0.01)
     gone.clear()
-    while not live.service._link.up:
+    while live.service._links.away:
         time.sleep(0.01)
     send(connect, after)
     live.wait_for(len(before) + len(after))
@@ -284,11 +284,11 @@ def test_a_bus_that_is_not_there_yet_is_waited_for_when_asked(
         return connect()
 
     told: list[str] = []
-    service = Service(config, late, None, lambda is_error, text: told.append(text))
+    service = Service(config, [late], None, lambda is_error, text: told.append(text))
     service.prepare(wait_for_bus=True)
     thread = threading.Thread(target=service.run, daemon=True)
     thread.start()
-    while not service._link.up:
+    while service._links.away:
         time.sleep(0.01)
     live = Live(service, thread, told, [])
     send(connect, drive.frames[:100])

@@ -37,7 +37,7 @@ def messages_of(log: Path, most: int) -> list[can.Message]:
 
 
 def decoded(config: Config, frames: Frames) -> Any:
-    return Decoder(config.database, config.inputs, config.protections).decode(frames)
+    return Decoder(config.database, config.inputs, config.protections, config.addresses).decode(frames)
 
 
 def new_feed(config: Config) -> Callable[[Any], object]:
@@ -53,7 +53,7 @@ def new_live_feed(config: Config) -> Callable[[can.Message], object]:
 
 def new_service(config: Config, connect: Callable[[], can.BusABC]) -> Service:
     """Return a service that is ready to ``run()`` and writes no log."""
-    service = Service(config, connect, None, lambda is_error, text: None)
+    service = Service(config, [connect], None, lambda is_error, text: None)
     service.prepare()
     return service
 
