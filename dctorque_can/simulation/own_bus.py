@@ -116,7 +116,7 @@ class _Sender:
         result: dict[str, Floats] = {}
         for given, own_us in zip(self.mapped, late_us, strict=True):
             at = Measured(sampled, self.mass_kg, self.clutches, gearbox).late(own_us - min(late_us))
-            for term, values in self._signals(given, at):
+            for term, values in (*self._signals(given, at), *self._validity(given, len(sampled.at_us))):
                 if term.message == self.message.name:
                     result.setdefault(term.signal, values)
         return self._with_selectors(result, len(sampled.at_us))
@@ -140,6 +140,13 @@ class _Sender:
             factor = 1.0 / multiplier if given.multiplier.divides else multiplier
             signals.append((term, np.full(len(value), (factor - term.offset) / term.factor)))
         return signals
+
+    def _validity(self, given: Input, n: int) -> list[tuple[Term, Floats]]:
+        """Return what says that an input is valid: it always is."""
+        if given.validity is None:
+            return []
+        term = given.validity.term
+        return [(term, self._raw_values(term, term.values, np.ones(n)))]
 
     def _multiplier(self, given: Input, profile: SensorProfile) -> float:
         """Return what the sum of an input is multiplied with: a torque, if only a share of one can be sent."""

@@ -128,6 +128,7 @@ def test_positions_close_at_the_kissing_point_of_the_file(
         assert (sign * (position[mm < 2.9] - kiss) < 0.0).all()
         assert position[mm < 0.001] == pytest.approx(open_end, abs=0.05)
         assert -10.0 <= position.min() < position.max() <= 110.0
+    assert set(column(rows, "POS_OK")) == {2.0}
 
 
 def test_the_one_gear_follows_the_clutches(car: Config, frames: Frames, truth: NDArray[np.void]) -> None:
@@ -143,6 +144,8 @@ def test_what_is_decoded_is_accepted(car: Config, frames: Frames) -> None:
     samples = Decoder(car.database, car.inputs, car.protections).decode(frames)
     bad = samples.status[samples.t_us > 1_100_000]  # the reference torque comes once a second
     assert not np.isin(bad, [SampleStatus.BAD_CRC, SampleStatus.BAD_COUNTER, SampleStatus.OUT_OF_RANGE]).any()
+    position = samples.quantity == Quantity.CLUTCH1_POSITION
+    assert (samples.status[position] == SampleStatus.OK).all()
     torque = samples.quantity == Quantity.ENGINE_TORQUE
     assert (samples.status[torque & (samples.t_us > 1_100_000)] == SampleStatus.OK).all()
 
@@ -178,6 +181,22 @@ def test_one_signal_for_the_gears_of_both_shafts(tmp_path: Path, truth: NDArray[
     _, rows = decoded(car, frames_of(car, truth, QUIET), "TCM_STATE")
     gear = column(rows, "GEAR_ACT")
     assert list(gear[np.flatnonzero(np.diff(gear, prepend=-1.0))]) == [1.0, 2.0, 1.0]
+
+
+def test_a_bus_of_its_own_for_each_database(tmp_path: Path, truth: NDArray[np.void]) -> None:
+    """J1939 from a source that is told, and on the channel that is told; what is decoded is that."""
+    write_car(tmp_path)
+    text = (tmp_path / "own_car.yaml").read_text()
+    told = "{file: own_car.dbc, channel: 2, j1939: true, source_addresses: {ECM_TRQ: 0x17}}"
+    (tmp_path / "own_car.yaml").write_text(text.replace("{file: own_car.dbc}", told))
+    car = load_config(tmp_path / "own_car.yaml")
+    sent = frames_of(car, truth[:2000], QUIET)
+    assert set(sent.channel) == {2}
+    assert np.count_nonzero(sent.can_id & 0xFF == 0x17) == 200
+    samples = Decoder(car.database, car.inputs, car.protections, car.addresses).decode(sent)
+    torque = (samples.quantity == Quantity.ENGINE_TORQUE) & (samples.t_us > 1_100_000)
+    assert torque.any()
+    assert (samples.status[torque] == SampleStatus.OK).all()
 
 
 def test_a_demo_car_that_lacks_a_message_is_told(truth: NDArray[np.void]) -> None:
