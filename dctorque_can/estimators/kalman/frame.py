@@ -316,9 +316,8 @@ def measure_speed(
 def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int) -> None:
     """Take a new speed without sign of a shaft that winds up, or rings, while the car stands or nearly does.
 
-    It has the sign that is predicted, if that is clear. Zero may be one that the sensor does not see. Signs were
-    wrong where a sliding clutch would pull against its friction, or where the shaft would turn against it and the
-    engine's torque be another than told.
+    It has the sign that is predicted, if that is clear. Zero may be one that the sensor does not see. A torque
+    against the friction of a clutch that slides shows that the signs were wrong.
     """
     if not inputs.fresh[quantity]:
         return
@@ -327,8 +326,7 @@ def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: i
     S, slip = f.P[state, state] + variance, f.x[W_D] - x
     if inputs.closed[i] and abs(slip) > SLIDING:
         torque = math.copysign(1.0, slip) * f.x[T_C1 + i]
-        pulls = torque < -_PULLED * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0)) - _PULLED_NM
-        if pulls or (x * slip < 0.0 and f.fault[_TORQUE] == _BIASED):
+        if torque < -_PULLED * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0)) - _PULLED_NM:
             gearbox.begin_shaft_anew(f, tuning, i, math.copysign(z, slip), variance)
             return
     if 2.0 * abs(x) * z > _CLEAR * S and (z - abs(x)) ** 2 <= tuning.gate * S:

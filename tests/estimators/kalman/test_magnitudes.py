@@ -6,7 +6,6 @@ import pytest
 from dctorque_can.estimators import contract
 from dctorque_can.estimators.inputs import SPEED_1
 from dctorque_can.estimators.kalman import frame
-from dctorque_can.estimators.kalman.faults import SensorFault
 from dctorque_can.estimators.kalman.model import State
 
 from .test_gearbox import new_filter
@@ -37,16 +36,6 @@ def test_no_clutch_pulls_against_its_friction(standing):
     assert f.x[State.T_C1] == f.x[State.TH_O] == 0.0
     assert f.P[State.T_C1, State.T_C1] == 200.0**2
     assert f.P[State.T_X, State.T_X] == 2000.0**2
-
-
-@pytest.mark.parametrize(("biased", "speed"), [(True, 9.0), (False, -9.0)])
-def test_no_engine_is_another_than_told_for_a_shaft_that_turns_against_its_clutch(standing, biased, speed):
-    """The clutch drives it, if weakly, yet it turns the other way: no fault, unless the engine's torque is one."""
-    f, tuning = standing
-    f.x[State.T_C1] = 22.0
-    f.fault[5] = SensorFault.BIASED if biased else SensorFault.NONE  # of the engine torque
-    told(f, tuning, 9.0)
-    assert f.x[State.W_C1] == pytest.approx(speed)
 
 
 @pytest.mark.parametrize(
