@@ -42,10 +42,17 @@ class Publisher:
         self._latest_us: int | None = None
         self._listened_us = 0
 
-    def hear(self, frames: Frames) -> None:
-        """Look whether someone else uses our identifiers."""
+    def hear(self, frames: Frames, channel: int | None = None) -> None:
+        """Look whether someone else uses our identifiers.
+
+        Args:
+            frames: of all buses. Where nobody else talks on ours, the others tell how long it was listened.
+            channel: of the bus on which we talk; None where there is only that.
+        """
         if self._listened_us < LISTEN_US:
             self._listen(frames)
+        if channel is not None:
+            frames = frames[frames.channel == channel]
         if self.can_ids.isdisjoint(frames.can_id.tolist()):
             return
         foreign = (frames.flags & (FrameFlag.SENT | FrameFlag.ERROR)) == 0

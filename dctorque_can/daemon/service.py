@@ -227,7 +227,7 @@ class Service:
         self._t_us = int(frames.t_us[-1])
         self._clock.look(frames.t_us, time.monotonic())
         if self._publisher is not None:
-            self._publisher.hear(frames if len(self._links.buses) == 1 else frames[frames.channel == self._number])
+            self._publisher.hear(frames, None if len(self._links.buses) == 1 else self._number)
         if self._watches_origins and self._origins.take(frames) and self._origins_due_s is None:
             self._origins_due_s = time.monotonic() + ORIGINS_S
         estimates = self._chain.feed(frames)

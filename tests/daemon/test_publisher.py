@@ -60,6 +60,17 @@ def test_it_listens_first(publisher: Publisher, config: Config) -> None:
     assert (sent.flags & FrameFlag.SENT).all()
 
 
+def test_a_bus_on_which_nobody_else_talks(publisher: Publisher, config: Config) -> None:
+    """Other buses tell how long it has listened; whoever uses our identifiers there disturbs nobody."""
+    elsewhere = heard(min(ids(config)))
+    elsewhere.channel[:] = 5
+    publisher.hear(elsewhere, channel=0)
+    assert set(publisher.publish(rows(LISTEN_US + 200_000)).can_id.tolist()) == ids(config)
+    assert not publisher.refused
+    publisher.hear(heard(min(ids(config)), t_us=[START + 2 * LISTEN_US]), channel=0)
+    assert publisher.refused == {min(ids(config))}
+
+
 @pytest.mark.parametrize("step_us", [-3_600_000_000, -1_000, 3_600_000_000])
 def test_it_listens_as_long_when_the_clock_is_set_meanwhile(publisher: Publisher, step_us: int) -> None:
     """The step adds as much as the longest silence that counts, and takes nothing away."""
