@@ -78,7 +78,7 @@ def _against(config: Config, logs: Sequence[Path], found: dict[str, Any], as_jso
     for line in incomplete:
         warn(line)
     if as_json:
-        print_json(found | judged.as_json())
+        print_json(found | judged.as_json() | {"incomplete": incomplete})
     else:
         for finding in judged.findings:
             STDOUT.print(finding_line(finding), soft_wrap=True)

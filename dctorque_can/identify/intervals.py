@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.pipeline.frames import Address, FrameFlag, Frames
+from dctorque_can.analysis.origins import NO_DATA
+from dctorque_can.pipeline.frames import Address, Frames
 
-_NO_DATA = int(FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.SENT)
 _LONGEST_MS = 10_000
 _STEP_MS = 0.1
 
@@ -45,7 +45,7 @@ class Intervals:
     def take(self, frames: Frames) -> None:
         """Count a batch; a step of the clock back counts for nothing."""
         for address, counts in self._counts.items():
-            t_us = frames.t_us[address.rows(frames) & (frames.flags & _NO_DATA == 0)]
+            t_us = frames.t_us[address.rows(frames) & (frames.flags & NO_DATA == 0)]
             if not len(t_us):
                 continue
             before = self._last_us.get(address)

@@ -50,6 +50,9 @@ def test_what_a_log_lacks(dctorque, log: Path, tmp_path: Path) -> None:
     outcome = dctorque("check", "paper_car", "--log", cut)
     assert outcome.code == 3
     assert "cut.blf" in outcome.err
+    told = dctorque("check", "paper_car", "--log", cut, "--json")
+    assert told.code == 3
+    assert any("cut.blf" in line for line in json.loads(told.out)["incomplete"])
     missing = dctorque("check", "paper_car", "--log", tmp_path / "none.blf")
     assert missing.code == 1
     assert missing.err.startswith("error: ")
