@@ -54,7 +54,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "offline.simulated_car",
     ),
     "design": ("driveline", "estimators", *WORDS, "pipeline.settings", "config"),
-    "evidence": (*WORDS, "logs", "config", "analysis", "offline"),
+    "evidence": ("chain", "driveline", *WORDS, "bus", "logs", "config", "analysis", "offline"),
     "report": (*WORDS, "analysis", "config", "design", "study", "evidence"),
     "cli": (
         "driveline",
