@@ -30,7 +30,7 @@ KEYS = {
 
 
 def mistakes(config: Config) -> Iterator[tuple[str, str, Fix]]:
-    """Yield the name of a mistake, its kind in `KEYS`, and what is laid over the file; those that this car can have."""
+    """Yield the name of each mistake that this car can have, its kind in `KEYS`, and what is laid over the file."""
     draft = Draft(config)
     mapped = {given.quantity for given in config.inputs}
     yield from _torques(draft)

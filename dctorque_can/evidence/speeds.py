@@ -207,7 +207,8 @@ def _engine(m: Moments) -> list[Comparison]:
         if not m.has(quantity):
             continue
         ratio = log_ratio(m.engine, m.speed(quantity))
-        fixed = lasting(np.abs(rate(smooth(ratio))) < CONSTANT_RATE, LOCKED_S, 0.1) & (m.engine > RUNS_RAD_S)
+        turns = m.speed(quantity) > RUNS_RAD_S
+        fixed = lasting(np.abs(rate(smooth(ratio))) < CONSTANT_RATE, LOCKED_S, 0.1) & turns
         moving = np.abs(rate(m.engine, 0.2)) > 0.05 * m.engine
         own, other = m.ratio[i], m.ratio[1 - i]
         through = log_ratio(np.where(other > 0.0, other, np.nan), np.where(own > 0.0, own, np.nan))
