@@ -108,4 +108,8 @@ def _show(config: Config, found: dict[str, Any]) -> None:
     files = ", ".join(config.documents)
     line = f"{estimator}; {len(config.database.messages)} DBC messages; read: {files}"
     print_page(Text(line), width)
+    if config.of_class:
+        print_page(
+            Text(f"{len(config.of_class)} numbers are those of the class of the car, and not its own"), width
+        )
     STDOUT.print(f"{config.path}: {counted(config.warnings)}", markup=False, soft_wrap=True)
