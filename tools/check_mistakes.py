@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from dctorque_can.config.document import shown
 from dctorque_can.config.load import Config
 from dctorque_can.driveline.parameters import DrivenAxle
 from dctorque_can.driveline.phases import PhaseSource
@@ -24,13 +25,18 @@ KEYS = {
     "axle": ("vehicle.driven_axle",),
     "clutches": ("clutch_phase",),
     "protection": ("protection",),
-    "timeout": ("timeout_ms",),
+    "timeout": ("inputs.engine_speed.timeout_ms",),
 }
-"""Keys of which one must be named, by kind."""
+"""How a key must begin that is named, by kind."""
+
+
+def is_named(kind: str, keys: Sequence[str]) -> bool:
+    """Return whether the first of the keys that are told, or one as good, is about a kind of mistake."""
+    return any(key.startswith(KEYS[kind]) for key in keys[:2])
 
 
 def mistakes(config: Config) -> Iterator[tuple[str, str, Fix]]:
-    """Yield the name of each mistake that this car can have, its kind in `KEYS`, and what is laid over the file."""
+    """Yield each mistake that this car can have: its name, its kind in `KEYS`, and what is laid over the file."""
     draft = Draft(config)
     mapped = {given.quantity for given in config.inputs}
     yield from _torques(draft)
@@ -52,7 +58,7 @@ def _torques(draft: Draft) -> Iterator[tuple[str, str, Fix]]:
     if isinstance(section, dict) and len(section.get("sum", ())) == 2:
         first = section["sum"][0]
         alone = {key: value for key, value in section.items() if key != "sum"} | {"sum": [first]}
-        yield "engine friction left out", "torque", (("inputs.engine_torque", repr(alone)),)
+        yield "engine friction left out", "torque", (("inputs.engine_torque", shown(alone)),)
     mass, inertia = vehicle.chassis.mass_kg, vehicle.engine_inertia_kgm2
     for factor in (10.0, 0.1):
         yield f"mass × {factor:g}", "mass", (("vehicle.chassis.mass_kg", f"{factor * mass:g}"),)
@@ -111,20 +117,24 @@ def _gears(draft: Draft) -> Iterator[tuple[str, str, Fix]]:
     same = [number for number, gear in gears.items() if gear.final_drive == drive and number > 0]
     fixes = tuple((f"vehicle.gears.{number}.final_drive", f"{0.93 * drive:g}") for number in same)
     yield "a final drive × 0.93", "gears", fixes
-    values = draft.value("gears.shaft1.values")
-    if isinstance(values, dict):
-        told = sorted({value for value in values.values() if isinstance(value, int)})
-        turned = dict(zip(told, told[1:] + told[:1], strict=True))
-        text = ", ".join(f"{raw}: {turned.get(value, value)}" for raw, value in values.items())
-        yield "gear signal shifted", "gears", (("gears.shaft1.values", f"{{{text}}}"),)
+    for key in ("gears.shaft1.values", "gears.actual.values"):
+        values = draft.value(key)
+        if isinstance(values, dict):
+            told = sorted({value for value in values.values() if isinstance(value, int)})
+            turned = dict(zip(told, told[1:] + told[:1], strict=True))
+            text = ", ".join(f"{raw}: {turned.get(value, value)}" for raw, value in values.items())
+            yield "gear signal shifted", "gears", ((key, f"{{{text}}}"),)
 
 
 def _clutches(draft: Draft) -> Iterator[tuple[str, str, Fix]]:
     clutches = draft.config.settings.phases.clutches
+    keys = [f"clutch_phase.clutch{i}" for i in (1, 2)]
+    one, other = (draft.value(f"{key}.signal") for key in keys)
+    if one and other:
+        laid = ((f"{keys[0]}.signal", other), (f"{keys[1]}.signal", one))
+        yield "clutches exchanged", "clutches", laid
     if any(clutch.source is not PhaseSource.POSITION for clutch in clutches):
         return
-    keys = [f"clutch_phase.clutch{i}" for i in (1, 2)]
-    yield "clutches exchanged", "clutches", draft.exchanged(*keys)
     turned = ["decreasing" if clutch.closes_increasing else "increasing" for clutch in clutches]
     both = tuple((f"{key}.closes", way) for key, way in zip(keys, turned, strict=True))
     yield "positions close the other way", "clutches", both

@@ -15,6 +15,7 @@ import numpy as np
 from dctorque_can.evidence.fits import Number, fit
 from dctorque_can.evidence.moments import SHAFTS, STEP_S, WHEELS, Mask, Moments, lasting, rate, smooth
 from dctorque_can.evidence.series import Floats
+from dctorque_can.evidence.torques import factors
 from dctorque_can.pipeline.samples import Quantity
 
 LEAST_S = 10.0
@@ -22,6 +23,7 @@ MOST_S = 0.25
 """More than a sensor and a bus can be late by: what fits better then is no delay."""
 _ROUNDS = 3  # of linearisation
 _APART = 0.04  # share by which a speed may be away from the line: more is no such pair
+_ENGINE_SHARE = 0.5
 _MODEL_S = {"engine": 0.3e-3, "wheels": 0.5e-3, "body": 3e-3}
 """What a delay is wrong by beside chance: twist of damper and shafts; slip of the tyres."""
 
@@ -62,12 +64,18 @@ def delays(m: Moments) -> list[Delay]:
                     (_sum(found, late[(quantity,)][0][0]), _MODEL_S["wheels"])
                 )
     driven = _axle(m, m.driven_fronts[0])
-    if m.knows_body and driven in late:
+    if m.knows_body and driven in late and _engine_fits(m):
         found = _late_body(m)
         other = _axle(m, not m.driven_fronts[0])
         if found is not None:
             late[other] = [(_sum(found, _mean(late[driven])), _MODEL_S["body"])]
     return _against_most(late)
+
+
+def _engine_fits(m: Moments) -> bool:
+    """Return whether engine torque and inertia fit: the force of the tyres is reckoned from them."""
+    found = factors(m)
+    return found is not None and found.inertia is not None and abs(found.inertia.value - 1.0) < _ENGINE_SHARE
 
 
 def _axle(m: Moments, front: bool) -> tuple[Quantity, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 from dctorque_can.config.document import Document, parse, shown
 from dctorque_can.config.load import OVERRIDES_SUFFIX, Config, load_documents
 from dctorque_can.config.overrides import apply_overrides
+from dctorque_can.config.vehicle_class import take_sigmas
 from dctorque_can.pipeline.samples import Quantity
 
 Fix = tuple[tuple[str, str], ...]
@@ -64,6 +65,13 @@ class Draft:
             if entry.input.quantity is quantity:
                 return entry.key
         raise KeyError(quantity.name)
+
+    def honest(self, key: str, share: float) -> float:
+        """Return how sure a number of the file is, as a share: as file or class tell, at least ``share``."""
+        value = self.value(key)
+        told = self.config.sigmas.get(key)
+        known = told is not None and isinstance(value, int | float) and value
+        return max(share, told / abs(value)) if known and told is not None else share
 
     def unit(self, quantity: Quantity) -> str:
         """Return the unit of an input's first signal, as it is given or as the DBC has it."""
@@ -127,4 +135,5 @@ def _document(config: Config) -> Document:
     if laid in config.documents:
         stored = parse(config.documents[laid], laid)
         apply_overrides(document, {str(key): str(value) for key, value in stored.data.items()})
+    take_sigmas(document)
     return document

@@ -35,6 +35,7 @@ _STEPS: tuple[Callable[[Moments, Draft], list[Finding]], ...] = (
     kissing_points,
     late_signals,
 )
+_ROUNDS = 3  # of one step: what it found may have hidden more
 
 
 class Measured(NamedTuple):
@@ -59,16 +60,28 @@ def measure(frames: Sequence[Frames], config: Config) -> Measured:
     draft = Draft(config)
     findings: list[Finding] = []
     m = moments(decoded(frames, draft.config, any_value=True))
+    if not (m.has(Quantity.ENGINE_SPEED) and any(m.has(wheel) for wheel in WHEELS)):
+        return Measured(findings, draft)
     for step in _STEPS:
-        if not (m.has(Quantity.ENGINE_SPEED) and any(m.has(wheel) for wheel in WHEELS)):
-            break
-        before = draft
-        for found in step(m, draft):
-            try:
-                draft = draft.corrected(found.fix)
-                findings.append(found)
-            except ConfigError:  # no such file can be: what would be right is not certain
-                findings.append(replace(found, fix=()))
-        if draft.fixes != before.fixes:
+        for _ in range(_ROUNDS):
+            before = draft
+            known = {each.key for each in findings}
+            for found in step(m, draft):
+                if found.key in known:
+                    continue  # it was corrected as well as it can be
+                draft, kept = _corrected(draft, found)
+                findings.append(kept)
+            if draft is before:
+                break
             m = moments(decoded(frames, draft.config, any_value=True))
     return Measured(findings, draft)
+
+
+def _corrected(draft: Draft, finding: Finding) -> tuple[Draft, Finding]:
+    """Return a draft with a finding put right; without a correction where no such file can be."""
+    if not finding.fix:
+        return draft, finding
+    try:
+        return draft.corrected(finding.fix), finding
+    except ConfigError:
+        return draft, replace(finding, fix=())

@@ -18,6 +18,7 @@ from dctorque_can.evidence.moments import SHAFTS, WHEELS, Moments, rate, smooth
 from dctorque_can.evidence.pictures import against, thinned
 from dctorque_can.evidence.speeds import (
     NAMES,
+    RADIUS,
     STEADY_RATE,
     backwards,
     causes,
@@ -101,7 +102,8 @@ def units(m: Moments, draft: Draft) -> list[Finding]:
 
 def scales(m: Moments, draft: Draft) -> list[Finding]:
     """Return the few scales and ratios that explain what the speeds contradict, or gears that are told wrongly."""
-    found = explain(comparisons(m), causes(m))
+    radius = draft.honest("vehicle.chassis.wheel_radius_m", RADIUS)
+    found = explain(comparisons(m), causes(m, radius))
     misread = misread_gears(m)
     if len(misread) > 1 and len(found) > 1:
         return list(_misread(m, draft, misread))

@@ -49,12 +49,6 @@ UNITS = {
     "rev/s instead of rad/s": 0.1591549,
     "rev/s instead of rpm": 1 / 60,
     "deg/s instead of rad/s": 57.29578,
-    "a factor of 2": 2.0,
-    "a factor of 4": 4.0,
-    "a factor of 8": 8.0,
-    "a factor of 10": 10.0,
-    "a factor of 100": 100.0,
-    "a factor of 1000": 1000.0,
 }
 """What a speed is too large by in one unit instead of another one; too small the other way round."""
 STEADY_RATE = 0.3
@@ -90,7 +84,7 @@ def unit_of(log: float) -> str | None:
         if abs(log - np.log(factor)) < 0.5 * FITS:
             return name
         if abs(log + np.log(factor)) < 0.5 * FITS:
-            return " instead of ".join(reversed(name.split(" instead of "))) if " instead" in name else f"1/{name}"
+            return " instead of ".join(reversed(name.split(" instead of ")))
     return None
 
 
@@ -102,7 +96,7 @@ def unit_of_wheels(m: Moments) -> float | None:
     if m.series.config.settings.gear_inference is None:
         return None
     shares = {}
-    for factor in [1.0, *UNITS.values(), *(1.0 / each for each in UNITS.values())]:
+    for factor in [1.0, *UNITS.values(), *(1.0 / each for each in UNITS.values()), 2.0, 0.5, 10.0, 0.1]:
         near, total = 0, 0
         for i, quantity in enumerate(SHAFTS):
             if not m.has(quantity):
@@ -134,13 +128,13 @@ def comparisons(m: Moments) -> list[Comparison]:
     return [*_wheels(m), *_gears(m), *_engine(m)]
 
 
-def causes(m: Moments) -> list[Cause]:
-    """Return whose scales may be wrong, the likeliest first."""
+def causes(m: Moments, radius: float = RADIUS) -> list[Cause]:
+    """Return whose scales may be wrong, the likeliest first; ``radius`` is how sure that of the wheels is."""
     wheels = {NAMES[each]: 1 for each in WHEELS if m.has(each)}
     front = {NAMES[each]: 1 for each in WHEELS[:2] if m.has(each)}
     rear = {NAMES[each]: 1 for each in WHEELS[2:] if m.has(each)}
     shafts = {NAMES[each]: 1 for each in SHAFTS if m.has(each)}
-    found = [Cause("wheels", wheels, RADIUS), Cause("engine", {"engine": 1})]
+    found = [Cause("wheels", wheels, radius), Cause("engine", {"engine": 1})]
     found += [Cause(name, {name: 1}) for name in shafts]
     found += [Cause("shafts", shafts)] if len(shafts) == 2 else []
     found += [Cause(name, parts) for name, parts in (("front", front), ("rear", rear)) if len(parts) == 2]
@@ -207,7 +201,7 @@ def _engine(m: Moments) -> list[Comparison]:
         if not m.has(quantity):
             continue
         ratio = log_ratio(m.engine, m.speed(quantity))
-        turns = m.speed(quantity) > RUNS_RAD_S
+        turns = np.maximum(m.engine, m.speed(quantity)) > RUNS_RAD_S
         fixed = lasting(np.abs(rate(smooth(ratio))) < CONSTANT_RATE, LOCKED_S, 0.1) & turns
         moving = np.abs(rate(m.engine, 0.2)) > 0.05 * m.engine
         own, other = m.ratio[i], m.ratio[1 - i]

@@ -20,12 +20,7 @@ HONEST_OFFSET_NM = 5.0
 """… of the engine torque at idle: alternator, pumps, drag of the open clutches."""
 ALIKE = 1.5
 """Factors of engine and car within this of each other come from the torque."""
-UNITS = {
-    "a factor of 2": 2.0,
-    "a factor of 4": 4.0,
-    "a factor of 10": 10.0,
-    "lb·ft instead of N·m": 1.355818,
-}
+POUND_FOOT_NM = 1.355818
 _FACTORS = frozenset(
     {"engine_torque_sign", "engine_torque_scale", "engine_torque_or_mass", "mass", "engine_inertia", "road_load"}
 )
@@ -69,8 +64,9 @@ def scale(m: Moments, draft: Draft) -> list[Finding]:
         return [Finding("error", key, text, -1.0, None, fix, _FACTORS, _torque_picture(found, -1.0))]
     if mass.value <= 0.0:
         return []
-    off_mass = _is_off(mass, HONEST_MASS)
-    off_inertia = inertia is not None and (inertia.value <= 0.0 or _is_off(inertia, HONEST_INERTIA))
+    off_mass = _is_off(mass, draft.honest("vehicle.chassis.mass_kg", HONEST_MASS))
+    honest = draft.honest("vehicle.engine_inertia_kgm2", HONEST_INERTIA)
+    off_inertia = inertia is not None and (inertia.value <= 0.0 or _is_off(inertia, honest))
     if off_mass and inertia is None:
         return [_either(m, found, key)]
     if inertia is not None and off_mass:
@@ -89,15 +85,8 @@ def _is_off(factor: Number, honest: float) -> bool:
 
 def _torque(draft: Draft, found: Factors, key: str) -> Finding:
     right = Number(1.0 / found.mass.value, found.mass.sigma / found.mass.value**2, found.mass.seconds)
-    unit = next(
-        (
-            f": {name}?"
-            for name, factor in UNITS.items()
-            for each in (factor, 1.0 / factor)
-            if abs(log(right.value / each)) < max(0.1, 2.0 * right.sigma / right.value)
-        ),
-        "",
-    )
+    near = abs(log(right.value / POUND_FOOT_NM)) < 2.0 * right.sigma / right.value
+    unit = ": lb·ft instead of N·m?" if near else ""
     text = f"engine and car both accelerate as by {right.shown()} times the engine torque that is told{unit}"
     fix = draft.scaled(Quantity.ENGINE_TORQUE, right.value)
     picture = _torque_picture(found, found.mass.value)
@@ -106,12 +95,20 @@ def _torque(draft: Draft, found: Factors, key: str) -> Finding:
 
 def _mass(m: Moments, found: Factors) -> Finding:
     told = m.vehicle.chassis.mass_kg
-    right = Number(told * found.mass.value, told * found.mass.sigma, found.mass.seconds)
+    right = _right_mass(m, found)
     key = "vehicle.chassis.mass_kg"
     text = f"mass: {right.shown('kg')} fits, the file has {told:g}; the engine alone accelerates as it should"
     fix = ((key, number(right.value, 3)),)
     picture = _torque_picture(found, found.mass.value)
     return Finding("warning", key, text, right.value, right.sigma, fix, _FACTORS, picture)
+
+
+def _right_mass(m: Moments, found: Factors) -> Number:
+    """Return the mass that fits, without what the wheels have of the inertia."""
+    chassis = m.vehicle.chassis
+    square = chassis.wheel_radius_m**2
+    mass = (chassis.inertia_kgm2 * found.mass.value - chassis.wheel_inertia_kgm2) / square
+    return Number(mass, chassis.inertia_kgm2 * found.mass.sigma / square, found.mass.seconds)
 
 
 def _inertia(m: Moments, found: Factors, inertia: Number) -> Finding:
@@ -126,7 +123,7 @@ def _inertia(m: Moments, found: Factors, inertia: Number) -> Finding:
 
 def _either(m: Moments, found: Factors, key: str) -> Finding:
     right = Number(1.0 / found.mass.value, found.mass.sigma / found.mass.value**2, found.mass.seconds)
-    mass = m.vehicle.chassis.mass_kg * found.mass.value
+    mass = _right_mass(m, found).value
     text = (
         f"the car accelerates as by {right.shown()} times the engine torque that is told, or as with {mass:.0f} "
         f"kg instead of {m.vehicle.chassis.mass_kg:g}: the engine never turned alone, so nothing tells which"

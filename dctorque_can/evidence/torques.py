@@ -2,7 +2,7 @@
 
 While one clutch alone has the engine's torque, or none has (equations of `plausibility.torques`),
 
-    T_en = k_J (J_e + J_d) dω_e/dt + k_m ((m r² + J_w)/(η^±1 R) + J_c R) dω_b/dt + T_v/(η^±1 R).
+    T_en = k_J ((J_e + J_d) dω_e/dt + J_c R dω_b/dt) + k_m (m r² + J_w)/(η^±1 R) dω_b/dt + T_v/(η^±1 R).
 
 All terms are smoothed alike, and differences over 0.8 s are taken, in which grade, wind and offsets drop out. The
 regression of torque on accelerations finds k_m too small, since hills accelerate without torque; that of
@@ -89,8 +89,9 @@ def factors(m: Moments) -> Factors | None:
     alone = (vehicle.engine_inertia_kgm2 + vehicle.damper.inertia_kgm2) * engine
     efficiency = vehicle.gear_efficiency * vehicle.final_drive_efficiency
     loss = np.where(torque > alone, efficiency, 1.0 / efficiency)
+    alone += np.where(ratio > 0.0, inertia * ratio * body, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        car = np.where(ratio > 0.0, (vehicle.chassis.inertia_kgm2 / (ratio * loss) + inertia * ratio) * body, 0.0)
+        car = np.where(ratio > 0.0, vehicle.chassis.inertia_kgm2 / (ratio * loss) * body, 0.0)
     state = np.where(has == _NONE, 1.0, np.where((ratio > 0.0) & m.free, 1.0 + ratio, 0.0))
     changes = np.concatenate([[0], np.cumsum(np.diff(state) != 0.0)])
     n = round(SPAN_S / STEP_S)
