@@ -13,6 +13,8 @@ from dctorque_can.evidence.pictures import against, thinned
 
 HONEST_WAY = 0.1
 """Standard deviation of a kissing point on a right file, as a share of the way from open to closed: wear."""
+CLEAR = 0.9
+"""Share of the time in which a signal must differ from what it says while its clutch does not hold."""
 _SIGNALS = frozenset(
     {"clutches_exchanged", "clutch_direction", "launch_called_open"}
     | {f"clutch{i}_called_{how}" for i in (1, 2) for how in ("open", "closed")}
@@ -25,7 +27,7 @@ def directions(m: Moments, draft: Draft) -> list[Finding]:
     seen = [told(m, clutch) for clutch in (1, 2)]
     wrong: list[bool | None] = []
     for actuation, each in zip(actuations, seen, strict=True):
-        if each is None or abs(each.way) < 3.0 * each.scatter:
+        if each is None or each.apart < CLEAR:
             wrong.append(None)
             continue
         rises = actuation.closes_increasing or actuation.source is not PhaseSource.POSITION

@@ -48,14 +48,14 @@ class Told:
         holds: while its clutch holds the engine and the other one does not.
         other_holds: while the other clutch holds the engine.
         rests: while the car stands and the engine runs; None if it never does.
-        scatter: of the signal while its clutch holds (median absolute deviation).
+        apart: share of the time that its clutch holds in which it is on that side of ``other_holds``.
         seconds: of holding, the lesser of both.
     """
 
     holds: float
     other_holds: float
     rests: float | None
-    scatter: float
+    apart: float
     seconds: float
 
     @property
@@ -100,8 +100,9 @@ def told(m: Moments, clutch: int) -> Told | None:
     rest = lasting((np.abs(m.body) < REST_RAD_S) & (m.engine > RUNS_RAD_S), 0.5, 0.5) & known
     rests = float(np.median(values[rest])) if np.count_nonzero(rest) * STEP_S > 0.5 * LEAST_S else None
     holds = float(np.median(values[own]))
-    scatter = float(np.median(np.abs(values[own] - holds)))
-    return Told(holds, float(np.median(values[other])), rests, scatter, float(seconds))
+    other_holds = float(np.median(values[other]))
+    apart = float(np.mean((values[own] - other_holds) * (holds - other_holds) > 0.0))
+    return Told(holds, other_holds, rests, apart, float(seconds))
 
 
 @dataclass(frozen=True, slots=True)

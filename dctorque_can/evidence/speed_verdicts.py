@@ -180,11 +180,12 @@ def _wheels_finding(m: Moments, draft: Draft, log: Number) -> Finding:
 
 def _misread(m: Moments, draft: Draft, misread: dict[int, int]) -> Iterator[Finding]:
     """Yield a finding for each gear signal whose values mean other gears than told."""
-    for shaft in (1, 2):
-        own = {told: is_ for told, is_ in misread.items() if m.vehicle.gear(told).shaft == shaft}
+    one = m.has(Quantity.GEAR)
+    for shaft in (1,) if one else (1, 2):
+        own = {told: is_ for told, is_ in misread.items() if one or m.vehicle.gear(told).shaft == shaft}
         if not own:
             continue
-        key = f"gears.shaft{shaft}.values" if draft.value(f"gears.shaft{shaft}") else "gears.actual.values"
+        key = "gears.actual.values" if draft.value("gears.actual") else f"gears.shaft{shaft}.values"
         values = draft.value(key)
         fix: Fix = ()
         if isinstance(values, dict):

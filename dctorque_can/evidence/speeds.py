@@ -274,17 +274,22 @@ def exchange(m: Moments) -> Exchange | None:
 
 
 def misread_gears(m: Moments) -> dict[int, int]:
-    """Return which gear it is that is told as another one, for each that turns as another gear of its shaft."""
+    """Return which gear it is that is told as another one, for each that turns as another one.
+
+    A shaft turns as another gear of its own; with one gear for the whole gearbox the engine does, while locked.
+    """
     found = {}
+    one = m.has(Quantity.GEAR)
     for gear in m.vehicle.gears:
         i = gear.shaft - 1
-        if gear.number < 0 or not m.has(SHAFTS[i]):
+        if gear.number < 0 or not (one or m.has(SHAFTS[i])):
             continue
         where = m.rolls & (m.ratio[i] == gear.total_ratio) & (np.abs(rate(m.wheels)) < STEADY_RATE * m.wheels)
-        number = measured(m, log_ratio(m.speed(SHAFTS[i]), m.wheels), where)
+        where &= (m.locked[0] | m.locked[1]) if one else True
+        number = measured(m, log_ratio(m.engine if one else m.speed(SHAFTS[i]), m.wheels), where)
         if number is None or number.sigma > FITS:
             continue
-        for other in m.vehicle.gears_on(gear.shaft):
+        for other in m.vehicle.gears if one else m.vehicle.gears_on(gear.shaft):
             is_other = abs(number.value - np.log(abs(other.total_ratio))) < FITS
             if other.number not in (gear.number, -1) and is_other:
                 found[gear.number] = other.number

@@ -18,15 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.evidence.fits import Number, fit, median
-from dctorque_can.evidence.moments import RUNS_RAD_S, STEP_S, Mask, Moments, lasting, rate, smooth
-from dctorque_can.evidence.series import Floats
+from dctorque_can.evidence.moments import RUNS_RAD_S, SHAFTS, STEP_S, Mask, Moments, lasting, rate, smooth
+from dctorque_can.evidence.series import UNKNOWN_GEAR, Floats
 
 SPAN_S = 0.4
 """Half of what differences are taken over: a tip-in is done in it, and grades have hardly changed."""
 LEAST_S = 10.0
 """Seconds of equations that factors need."""
-APART_S = 1.0
+APART_RAD_S2 = 30.0
+"""Change of the engine's acceleration that shows its inertia: some N·m, several times the noise of a torque."""
+APART_S = 0.3
 """Seconds of them with the engine turning apart from the car, without which only the sum of inertias shows."""
+KNOWN = 0.2
+"""Relative standard error up to which k_J is known."""
 MODEL = 0.05
 """Standard deviation of k_m by what the equation leaves out: efficiency, tyres, the engine's lag."""
 STEADY_RAD_S2 = 25.0
@@ -36,6 +40,8 @@ IDLE_S = 1.5
 OVERRUN_RAD_S = 120.0
 """Faster, and with the car slowing down, the fuel is cut sooner or later."""
 OVERRUN_S = 3.0
+SYNCHRONISED_RAD_S2 = 100.0
+"""A shaft without gear that changes faster is being brought to the speed of its next gear."""
 _NONE, _UNKNOWN = -1, -2
 _SMOOTH_S = 0.1
 
@@ -92,7 +98,8 @@ def factors(m: Moments) -> Factors | None:
     alone += np.where(ratio > 0.0, inertia * ratio * body, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         car = np.where(ratio > 0.0, vehicle.chassis.inertia_kgm2 / (ratio * loss) * body, 0.0)
-    state = np.where(has == _NONE, 1.0, np.where((ratio > 0.0) & m.free, 1.0 + ratio, 0.0))
+    driven = (ratio > 0.0) & m.free & _other_rests(m, np.maximum(has, 0))
+    state = np.where(has == _NONE, 1.0, np.where(driven, 1.0 + ratio, 0.0))
     changes = np.concatenate([[0], np.cumsum(np.diff(state) != 0.0)])
     n = round(SPAN_S / STEP_S)
     where = np.zeros(len(m.t_s), np.bool_)
@@ -102,10 +109,13 @@ def factors(m: Moments) -> Factors | None:
     if np.count_nonzero(where & (ratio > 0.0)) * STEP_S < LEAST_S:
         return None
     locked = m.locked[np.maximum(has, 0), row] & (has >= 0)
-    moves = np.abs(x_1) > 0.1 * np.max(np.abs(x_1[where]))
+    moves = np.abs(_difference(engine, n)) > APART_RAD_S2
     apart = np.count_nonzero(where & ~locked & moves) * STEP_S >= APART_S
     t_s, y, x_1, x_2 = m.t_s[where], y[where], x_1[where], x_2[where]
-    found = fit(t_s, [x_1, x_2] if apart else [x_1 + x_2], y, STEP_S)
+    found = fit(t_s, [x_1, x_2], y, STEP_S) if apart else None
+    if found is None or found.sigmas[0] > KNOWN * abs(found.values[0]):
+        apart = False
+        found = fit(t_s, [x_1 + x_2], y, STEP_S)
     if found is None:
         return None
     k_J, k_m = (float(found.values[0]), float(found.values[1])) if apart else (float(found.values[0]),) * 2
@@ -121,6 +131,17 @@ def factors(m: Moments) -> Factors | None:
     sigma = sqrt(float(found.sigmas[-1]) ** 2 + spread**2 + (MODEL * middle) ** 2)
     mass = Number(middle, sigma, found.seconds)
     return Factors(found.number(0) if apart else None, mass, correlation, x_1 + x_2, y)
+
+
+def _other_rests(m: Moments, carrying: NDArray[np.int64]) -> Mask:
+    """Return where the shaft that carries nothing is not being synchronised: that takes torque from the wheels."""
+    row = np.arange(len(m.t_s))
+    other = 1 - carrying
+    in_gear = m.ratio[other, row] > 0.0
+    calm = np.abs(np.stack([rate(m.shaft[i]) for i in range(2)])[other, row]) < SYNCHRONISED_RAD_S2
+    told = m.gear[other, row] != UNKNOWN_GEAR
+    measured = np.array([m.has(each) for each in SHAFTS])[other]
+    return np.asarray(in_gear | (calm & measured) | ~(told | measured))
 
 
 def idle_torque(m: Moments) -> Number | None:

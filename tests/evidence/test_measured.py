@@ -1,0 +1,124 @@
+"""A right file and wrong ones against simulated drives: each mistake is told where it is, with the right value."""
+
+import math
+
+import pytest
+
+from dctorque_can.config.load import load_documents
+from dctorque_can.evidence.clutches import kissing_point
+from dctorque_can.evidence.delays import delays
+from dctorque_can.evidence.measured import measure
+from dctorque_can.evidence.moments import moments
+from dctorque_can.evidence.series import decoded
+from dctorque_can.evidence.torques import factors, idle_torque, overrun_torque
+from dctorque_can.pipeline.samples import Quantity
+from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
+from dctorque_can.simulation.sensors import PRODUCTION
+
+OF_THE_FRAME = ("data id", "checksum", "counter modulus", "timeout too short")
+"""Told by what the estimator counts (test_findings.py)."""
+BY_THE_MONITOR = ("kissing point of 1: sooner", "kissing point of 1 and 2: sooner")
+"""Told by the monitor too; measured only where launches show it."""
+
+
+@pytest.mark.parametrize("car", ["avante", "invented"])
+def test_nothing_on_a_right_file(cars, car):
+    config, frames = cars[car]
+    assert measure([frames], config).findings == []
+
+
+@pytest.mark.parametrize("car", ["avante", "invented"])
+def test_each_mistake_is_named(cars, tools, car):
+    """The first that is told has a key of the mistake, and the corrected file contradicts nothing any more."""
+    config, frames = cars[car]
+    missed, named = [], 0
+    for name, kind, laid in tools["check_mistakes"].mistakes(config):
+        if name in OF_THE_FRAME or name in BY_THE_MONITOR:
+            continue
+        found, _ = measure([frames], load_documents(config.documents, dict(laid)))
+        told = tools["check_mistakes"].is_named(kind, [finding.key for finding in found])
+        named += told
+        missed += [] if told else [(name, [(finding.key, finding.text) for finding in found])]
+    assert missed == []
+    assert named >= 30
+
+
+def test_the_right_values(cars):
+    """What is to be set is what the right file has."""
+    config, frames = cars["avante"]
+    vehicle = config.settings.vehicle
+    wrong = {
+        "vehicle.gears.3.ratio": (str(0.96 * vehicle.gear(3).ratio), vehicle.gear(3).ratio, 0.01),
+        "vehicle.chassis.mass_kg": (str(8 * vehicle.chassis.mass_kg), vehicle.chassis.mass_kg, 0.25),
+        "vehicle.chassis.wheel_radius_m": (
+            str(1.06 * vehicle.chassis.wheel_radius_m),
+            vehicle.chassis.wheel_radius_m,
+            0.02,
+        ),
+        "inputs.engine_speed.delay_ms": ("25", 0.7, math.inf),
+    }
+    for key, (value, right, share) in wrong.items():
+        (finding,) = measure([frames], load_documents(config.documents, {key: value})).findings
+        assert finding.key == key
+        assert abs(finding.value - right) < min(share * right, 4.0 * finding.sigma + 1e-9), finding.text
+        assert finding.text.startswith(
+            ("gears.3: the log has", "mass: ", "the wheel speeds are", "engine_speed: ")
+        )
+
+
+def test_several_mistakes_at_once(cars):
+    config, frames = cars["avante"]
+    wrong = {
+        "inputs.engine_torque.factor": "-1",
+        "vehicle.driven_axle": "rear",
+        "vehicle.gears.2.ratio": "2.7",
+        "clutch_phase.clutch2.closes": "decreasing",
+    }
+    found, draft = measure([frames], load_documents(config.documents, wrong))
+    keys = ["vehicle.driven_axle", "vehicle.gears.2.ratio", "clutch_phase.clutch2.closes", "inputs.engine_torque"]
+    assert [finding.key for finding in found] == keys
+    assert found[-1].text.startswith("engine_torque: sign is reversed (correlation with J·ω̇ -0.")
+    assert measure([frames], draft.config).findings == []
+
+
+def test_friction_that_is_not_taken_off(cars):
+    """Net torque and the engine's drag, 12 N·m and 0.05 N·m·s/rad, are what burns."""
+    config, frames = cars["avante"]
+    rpm = 0.05 * math.pi / 30
+    torque = "{signal: EngineData.EngineTorque, offset: 12}"
+    drag = f"{{signal: EngineData.EngineSpeed, unit: Nm, factor: {rpm}}}"
+    wrong = load_documents(config.documents, {"inputs.engine_torque": f"{{sum: [{torque}, {drag}]}}"})
+    (finding,) = measure([frames], wrong).findings
+    assert finding.key == "inputs.engine_torque"
+    assert "friction is not taken off" in finding.text
+
+
+def test_delays_are_those_of_the_bus(cars):
+    """Each message is late by its delay and, on average, half its jitter."""
+    config, frames = cars["avante"]
+    late_ms = {
+        name: 1e-3 * (timing.delay_us + 0.5 * timing.jitter_us) for name, timing in PRODUCTION.timing.items()
+    }
+    found = {each.quantities[0]: each for each in delays(moments(decoded([frames], config)))}
+    engine = found[Quantity.ENGINE_SPEED].late_s.value
+    for quantity, message in (
+        (Quantity.SHAFT1_SPEED, "InputShafts"),
+        (Quantity.SHAFT2_SPEED, "InputShafts"),
+        (Quantity.WHEEL_SPEED_FL, "WheelSpeedsFront"),
+    ):
+        late = found[quantity]
+        difference = 1e3 * (late.late_s.value - engine) - (late_ms[message] - late_ms["EngineData"])
+        assert abs(difference) < 3e3 * math.hypot(late.late_s.sigma, late.model_s), quantity
+
+
+def test_torques_and_kissing_point_are_those_of_the_car(cars):
+    config, frames = cars["avante"]
+    m = moments(decoded([frames], config))
+    found = factors(m)
+    assert abs(found.mass.value - 1.0) < 3.0 * found.mass.sigma < 0.4
+    assert found.correlation > 0.7
+    assert abs(idle_torque(m).value) < 1.0
+    drag = DEMO_POWERTRAIN.drag_nm + DEMO_POWERTRAIN.drag_nms * 200.0
+    assert -1.5 * drag < overrun_torque(m).value < -0.7 * drag
+    kiss = kissing_point(m, 1, True)
+    assert abs(kiss.point.value - DEMO_POWERTRAIN.kissing_point_mm) < 0.4
