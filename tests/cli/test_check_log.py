@@ -56,3 +56,39 @@ def test_what_a_log_lacks(dctorque, log: Path, tmp_path: Path) -> None:
     missing = dctorque("check", "paper_car", "--log", tmp_path / "none.blf")
     assert missing.code == 1
     assert missing.err.startswith("error: ")
+
+
+def test_fix_and_plots(dctorque, log: Path, tmp_path: Path) -> None:
+    """A torque with the wrong sign is put right in another file, and a picture shows it."""
+    from dctorque_can.resources import shipped_config
+
+    text = shipped_config("paper_car").read_text()
+    torque = "engine_torque: {signal: EngineData.EngineTorque,"
+    dbc = shipped_config("paper_car").parent.parent / "dbc" / "demo_car.dbc"
+    text = text.replace(torque, f"{torque} offset: 60,").replace("../dbc/demo_car.dbc", str(dbc))
+    (tmp_path / "wrong.yaml").write_text(text)
+    options = ("--log", log, "--fix", "right.yaml", "--plots", "plots")
+    outcome = dctorque("check", "wrong.yaml", *options, "--json")
+    assert outcome.code == 3, outcome.err
+    result = json.loads(outcome.out)
+    (finding,) = [each for each in result["findings"] if each["severity"] == "error"]
+    assert finding["key"] == "inputs.engine_torque"
+    assert finding["value"] == pytest.approx(-60.0, abs=3.0)
+    assert [Path(plot).read_bytes()[:4] for plot in result["plots"]] == [b"\x89PNG"]
+    (change,) = result["fixed"]["changes"]
+    assert change["key"] == "inputs.engine_torque.offset"
+    assert float(change["value"]) == pytest.approx(0.0, abs=3.0)
+    assert result["fixed"]["findings"] == []
+    assert (tmp_path / "wrong.yaml").read_text() == text
+    assert dctorque("check", "right.yaml", "--log", log).code == 0
+    again = dctorque("check", "wrong.yaml", *options)
+    assert again.code == 1
+    assert "right.yaml: exists already" in again.err
+    shown = dctorque("check", "wrong.yaml", *options, "--force")
+    assert "1 values corrected; the same drive contradicts nothing more" in shown.out
+
+
+def test_options_that_need_others(dctorque, log: Path) -> None:
+    assert dctorque("check", "paper_car", "--fix", "out.yaml").code == 2
+    assert dctorque("check", "paper_car", "--plots", "out").code == 2
+    assert dctorque("check", "paper_car", "--log", log, "--fix", "out.yaml", "--set", "name=x").code == 2
