@@ -110,7 +110,7 @@ def factors(m: Moments) -> Factors | None:
         return None
     locked = m.locked[np.maximum(has, 0), row] & (has >= 0)
     moves = np.abs(_difference(engine, n)) > APART_RAD_S2
-    apart = np.count_nonzero(where & ~locked & moves) * STEP_S >= APART_S
+    apart = bool(np.count_nonzero(where & ~locked & moves) * STEP_S >= APART_S)
     t_s, y, x_1, x_2 = m.t_s[where], y[where], x_1[where], x_2[where]
     found = fit(t_s, [x_1, x_2], y, STEP_S) if apart else None
     if found is None or found.sigmas[0] > KNOWN * abs(found.values[0]):
