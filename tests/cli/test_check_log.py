@@ -41,7 +41,7 @@ def test_a_wrong_file(dctorque, log: Path) -> None:
     assert set(result["findings"][0]) == {"severity", "key", "text", "value", "sigma"}
     shown = dctorque("check", "paper_car", "--log", log, *options)
     assert shown.code == 3
-    assert "error: vehicle.gears.2.ratio: in gear 2" in shown.out
+    assert "error: vehicle.gears.2.ratio: gears.2: the log has 2.180 ± 0.0" in shown.out
 
 
 def test_what_a_log_lacks(dctorque, log: Path, tmp_path: Path) -> None:
@@ -59,25 +59,24 @@ def test_what_a_log_lacks(dctorque, log: Path, tmp_path: Path) -> None:
 
 
 def test_fix_and_plots(dctorque, log: Path, tmp_path: Path) -> None:
-    """A torque with the wrong sign is put right in another file, and a picture shows it."""
+    """A wrong ratio is put right in another file, and a picture shows it."""
     from dctorque_can.resources import shipped_config
 
-    text = shipped_config("paper_car").read_text()
-    torque = "engine_torque: {signal: EngineData.EngineTorque,"
     dbc = shipped_config("paper_car").parent.parent / "dbc" / "demo_car.dbc"
-    text = text.replace(torque, f"{torque} offset: 60,").replace("../dbc/demo_car.dbc", str(dbc))
+    text = shipped_config("paper_car").read_text().replace("../dbc/demo_car.dbc", str(dbc))
+    text = text.replace("ratio: 2.18,", "ratio: 2.5,")
     (tmp_path / "wrong.yaml").write_text(text)
     options = ("--log", log, "--fix", "right.yaml", "--plots", "plots")
     outcome = dctorque("check", "wrong.yaml", *options, "--json")
     assert outcome.code == 3, outcome.err
     result = json.loads(outcome.out)
-    (finding,) = [each for each in result["findings"] if each["severity"] == "error"]
-    assert finding["key"] == "inputs.engine_torque"
-    assert finding["value"] == pytest.approx(-60.0, abs=3.0)
+    (finding,) = result["findings"]
+    assert finding["key"] == "vehicle.gears.2.ratio"
+    assert finding["value"] == pytest.approx(2.18, abs=0.01)
     assert [Path(plot).read_bytes()[:4] for plot in result["plots"]] == [b"\x89PNG"]
     (change,) = result["fixed"]["changes"]
-    assert change["key"] == "inputs.engine_torque.offset"
-    assert float(change["value"]) == pytest.approx(0.0, abs=3.0)
+    assert change["key"] == "vehicle.gears.2.ratio"
+    assert float(change["value"]) == pytest.approx(2.18, abs=0.01)
     assert result["fixed"]["findings"] == []
     assert (tmp_path / "wrong.yaml").read_text() == text
     assert dctorque("check", "right.yaml", "--log", log).code == 0
