@@ -2,7 +2,7 @@
 
 Everything is normal and nearly linear: the equations of motion (`equations`) are solved with what was believed
 (`regression`), set up anew with what was found, and solved again. Half of the equations, by minutes that
-alternate, is never fitted: a number that makes those less likely goes back to what it was.
+alternate, is never fitted: a number that makes what is fitted likelier and that less likely goes back.
 """
 
 from __future__ import annotations
@@ -125,19 +125,24 @@ def _concluded(
     fitted: Sequence[Equations],
     held: Sequence[Equations],
 ) -> Solution:
-    """Return the solution; what was held out decides on each number.
+    """Return the solution; of each number decides what was held out.
 
-    The equations of the last round are set up with ``values``; with these, all corrections are nought.
+    The equations of the last round are set up with ``values``; with these, all corrections are nought. A number
+    is an overfit, and refused, if it suits what was fitted and not what was held out, the others being the
+    likeliest with and without it.
     """
     beliefs = believed(looked_for, values)
     before = {name: beliefs[name].value for name in found.names}
     after = {name: found.of(name).value for name in found.names}
     refused = []
-    most = log_likelihood(held, after, found)
     for each in looked_for:
         if each.name in found.names and each.group:
             without = found.given(each.name, before[each.name])
-            if log_likelihood(held, without, found) > most + _WORSE:
+            fits, holds = (
+                log_likelihood(some, after, found) - log_likelihood(some, without, found)
+                for some in (fitted, held)
+            )
+            if fits > 0.0 and holds < -_WORSE:
                 refused.append(each.name)
     kinds = dict.fromkeys(each.name for each in held)
     likelihood = {}

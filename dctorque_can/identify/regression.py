@@ -87,12 +87,43 @@ class Posterior:
 
 @dataclass(frozen=True, slots=True)
 class _White:
-    """Equations whose residuals are white: y and x ``[n]``, ``[n, k]``, and blocks ``[n]``."""
+    """Equations whose residuals are white.
+
+    Attributes:
+        name: of their kind.
+        y: ``[n]``.
+        x: columns ``[n, m]`` of those numbers that are in them.
+        where: places of these among all numbers ``[m]``.
+        block: ``[n]``, rising.
+    """
 
     name: str
     y: Floats
     x: Floats
+    where: NDArray[np.intp]
     block: NDArray[np.int64]
+
+    def rest(self, values: Floats) -> Floats:
+        """Return what is left of each equation ``[n]``."""
+        return self.y - self.x @ values[self.where]
+
+    def weights(self, values: Floats, noise: float) -> Floats:
+        """Return how much each equation counts ``[n]``: far residuals less."""
+        far = np.abs(self.rest(values)) / noise
+        return np.minimum(1.0, _HUBER / np.maximum(far, 1e-12)) / noise**2
+
+    def add_normal(self, weight: Floats, information: Floats, slope: Floats) -> None:
+        """Add the normal equations to ``information`` ``[k, k]`` and ``slope`` ``[k]``."""
+        weighted = (self.x * weight[:, None]).T
+        information[np.ix_(self.where, self.where)] += weighted @ self.x
+        slope[self.where] += weighted @ self.y
+
+    def add_scatter(self, weight: Floats, values: Floats, share: float, scatter: Floats) -> None:
+        """Add a share of the covariance of the slope, as blocks scatter, to ``scatter`` ``[k, k]``."""
+        scores = self.x * (weight * self.rest(values))[:, None]
+        bounds = np.flatnonzero(np.diff(self.block, prepend=-1))
+        sums = np.add.reduceat(scores, bounds, axis=0)
+        scatter[np.ix_(self.where, self.where)] += share * (sums.T @ sums)
 
 
 def solve(equations: Sequence[Equations], beliefs: Mapping[str, Belief]) -> Posterior:
@@ -127,30 +158,18 @@ def _solved(
         if n == _ROUNDS - 2:
             together = {kind: _together(some, values, noise[kind], certainty) for kind, some in kinds.items()}
         information, slope = np.diag(certainty), certainty * middle
-        for kind, some in kinds.items():
-            for each in some:
-                weight = _weights(each, values, noise[kind]) / together[kind]
-                information = information + (each.x * weight[:, None]).T @ each.x
-                slope = slope + (each.x * weight[:, None]).T @ each.y
+        for each in white:
+            each.add_normal(each.weights(values, noise[each.name]) / together[each.name], information, slope)
         values = np.linalg.solve(information, slope)
-    noise = {kind: _scale(some, values) * together[kind] ** 0.5 for kind, some in kinds.items()}
-    bread = np.linalg.inv(information)
-    meat = np.diag(certainty)
-    for kind, some in kinds.items():
-        for each in some:
-            meat = meat + _scatter(each, values, noise[kind] / together[kind] ** 0.5) / together[kind] ** 2
+    bread, meat = np.linalg.inv(information), np.diag(certainty)
+    noise = {kind: _scale(some, values) for kind, some in kinds.items()}
+    for each in white:
+        weight = each.weights(values, noise[each.name])
+        each.add_scatter(weight, values, together[each.name] ** -2, meat)
     sandwich = bread @ meat @ bread
     more = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(bread), 1.0))
-    return Posterior(names, values, bread * np.outer(more, more), noise, walk)
-
-
-def _scatter(white: _White, values: Floats, noise: float) -> Floats:
-    """Return the covariance of the slope ``[k, k]`` as its blocks scatter."""
-    weight = _weights(white, values, noise)
-    scores = white.x * (weight * (white.y - white.x @ values))[:, None]
-    sums = np.zeros((int(white.block.max(initial=0)) + 1, white.x.shape[1]))
-    np.add.at(sums, white.block, scores)
-    return np.asarray(sums.T @ sums)
+    wider = {kind: noise[kind] * together[kind] ** 0.5 for kind in kinds}
+    return Posterior(names, values, bread * np.outer(more, more), wider, walk)
 
 
 def _together(white: Sequence[_White], values: Floats, noise: float, certainty: Floats) -> float:
@@ -159,8 +178,12 @@ def _together(white: Sequence[_White], values: Floats, noise: float, certainty: 
     A likelihood that takes them for independent would outweigh what was believed (Ribatet, Cooley and Davison,
     Statistica Sinica 22, 2012, 813).
     """
-    information = sum((each.x * _weights(each, values, noise)[:, None]).T @ each.x for each in white)
-    scatter = sum(_scatter(each, values, noise) for each in white)
+    k = len(certainty)
+    information, slope, scatter = np.zeros((k, k)), np.zeros(k), np.zeros((k, k))
+    for each in white:
+        weight = each.weights(values, noise)
+        each.add_normal(weight, information, slope)
+        each.add_scatter(weight, values, 1.0, scatter)
     inverse = np.linalg.inv(information + np.diag(certainty))
     return max(float(np.trace(inverse @ scatter) / max(np.trace(inverse @ information), 1e-9)), 1.0)
 
@@ -178,7 +201,7 @@ def log_likelihood(equations: Sequence[Equations], values: Mapping[str, float], 
     for each in equations:
         if len(each) > 2 and each.name in fitted.noise:
             white = _whitened(each, names, fitted.walk)
-            found -= float(np.sum(_cost((white.y - white.x @ middle) / fitted.noise[each.name])))
+            found -= float(np.sum(_cost(white.rest(middle) / fitted.noise[each.name])))
     return found
 
 
@@ -189,70 +212,60 @@ def _cost(r: Floats) -> Floats:
 
 
 def _scale(white: Sequence[_White], values: Floats) -> float:
-    rest = np.concatenate([each.y - each.x @ values for each in white])
+    rest = np.concatenate([each.rest(values) for each in white])
     return max(_TO_SIGMA * float(np.median(np.abs(rest))), 0.3 * float(np.std(rest)), 1e-12)
 
 
-def _weights(white: _White, values: Floats, noise: float) -> Floats:
-    rest = np.abs(white.y - white.x @ values) / noise
-    return np.minimum(1.0, _HUBER / np.maximum(rest, 1e-12)) / noise**2
-
-
 def _whitened(equations: Equations, names: Sequence[str], walk: Mapping[str, float]) -> _White:
-    x = np.stack([equations.columns.get(name, np.zeros(len(equations))) for name in names], axis=1)
-    _, block = np.unique(np.floor(equations.t_s / BLOCK_S), return_inverse=True)
+    here = [name for name in names if name in equations.columns]
+    where = np.array([names.index(name) for name in here], np.intp)
+    x = np.stack([equations.columns[name] for name in here], axis=1)
+    block = np.floor(equations.t_s / BLOCK_S).astype(np.int64)
     if not equations.walks:
-        return _White(equations.name, equations.y, x, block)
-    white = _without_walk(np.column_stack([equations.y, x]), equations.t_s, walk[equations.name])
-    known = white[:, -1] > 0.0
-    return _White(equations.name, white[known, 0], white[known, 1:-1], block[known])
+        return _White(equations.name, equations.y, x, where, block)
+    white, deviation = without_walk(np.column_stack([equations.y, x]), equations.t_s, walk[equations.name])
+    known = deviation > 0.0
+    return _White(equations.name, white[known, 0], white[known, 1:], where, block[known])
 
 
 def _likeliest_walk(equations: Sequence[Equations], names: Sequence[str], expected: Floats) -> float:
     """Return the walk for which residuals at expected values are likeliest, whatever their size."""
-    rests = [
-        each.y
-        - sum(
-            each.columns[name] * value for name, value in zip(names, expected, strict=True) if name in each.columns
-        )
-        for each in equations
-    ]
-
-    def cost(walk: float) -> float:
-        white = np.concatenate(
-            [_without_walk(rest[:, None], each.t_s, walk) for rest, each in zip(rests, equations, strict=True)]
-        )
-        r, inverse = white[white[:, -1] > 0.0].T
+    values = dict(zip(names, expected.tolist(), strict=True))
+    found = []
+    for each in equations:
+        rest = each.y - sum(column * values.get(name, 0.0) for name, column in each.columns.items())
+        found.append(without_walk(np.tile(rest[:, None], len(_WALKS)), each.t_s, _WALKS))
+    white, deviation = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    costs = []
+    for r, s in zip(white.T, deviation.T, strict=True):
+        r, s = r[s > 0.0], s[s > 0.0]
         size = _TO_SIGMA * float(np.median(np.abs(r))) + 1e-15
-        return float(np.sum(_cost(r / size) - np.log(inverse / size)))
+        costs.append(float(np.sum(_cost(r / size) + np.log(s * size))))
+    return float(_WALKS[int(np.argmin(costs))])
 
-    return float(min(_WALKS, key=cost))
 
-
-def _without_walk(columns: Floats, t_s: Floats, walk: float) -> Floats:
-    """Return columns ``[n, k + 1]`` with a random walk filtered out, as the innovations over their deviation.
-
-    The last column is one over that deviation; nought where the walk was not known.
+def without_walk(columns: Floats, t_s: Floats, walk: float | Floats) -> tuple[Floats, Floats]:
+    """Return columns with a random walk filtered out: the innovations over their deviation.
 
     Args:
         columns: ``[n, k]``.
         t_s: times ``[n]``, s.
-        walk: σ of a second's walk over that of the noise.
+        walk: σ of a second's walk over that of the noise; one for all columns, or of each ``[k]``.
+
+    Returns:
+        The columns ``[n, k]``, and that deviation ``[n]``, or ``[n, k]``: nought where the walk was not known.
     """
-    found = np.zeros((len(columns), columns.shape[1] + 1))
-    level, variance, last_s = np.zeros(columns.shape[1]), np.inf, -np.inf
-    for n, (row, now_s) in enumerate(zip(columns, t_s.tolist(), strict=True)):
+    per_s = np.square(walk)
+    white, deviation = np.zeros(columns.shape), np.zeros((len(columns), *per_s.shape))
+    level, variance, last_s = columns[0] if len(columns) else np.zeros(0), np.ones_like(per_s), -np.inf
+    for n, now_s in enumerate(t_s.tolist()):
         if now_s - last_s > _BROKEN_S:
-            variance = np.inf
-        else:
-            variance += walk**2 * (now_s - last_s)
-        last_s = now_s
-        if np.isinf(variance):
-            level, variance = row.copy(), 1.0
+            level, variance, last_s = columns[n], np.ones_like(per_s), now_s
             continue
-        total = variance + 1.0
-        innovation = row - level
-        found[n, :-1], found[n, -1] = innovation / np.sqrt(total), 1.0 / np.sqrt(total)
-        level += variance / total * innovation
-        variance /= total
-    return found
+        variance = variance + per_s * (now_s - last_s)
+        total, last_s = variance + 1.0, now_s
+        innovation, deviation[n] = columns[n] - level, np.sqrt(total)
+        white[n] = innovation / deviation[n]
+        level = level + variance / total * innovation
+        variance = variance / total
+    return white, deviation

@@ -31,7 +31,7 @@ class Result:
         unit: of it.
         before: what was believed.
         after: what is known now.
-        refused: it made what was held out less likely, so it stays as it was.
+        refused: it suits what was fitted and not what was held out, so it stays as it was.
     """
 
     key: str

@@ -74,9 +74,7 @@ def summary_lines(found: Identified) -> list[str]:
     lines += [f"with the new numbers: {sentence}" for sentence in found.after.findings]
     refused = [each.key for each in found.results if each.refused]
     if refused:
-        lines.append(
-            f"went back to what was believed, as they made what was held out less likely: {', '.join(refused)}"
-        )
+        lines.append(f"back to what was believed, as they suit only what was fitted: {', '.join(refused)}")
     untold = [each.key for each in found.results if not each.changes and not each.refused]
     if untold:
         lines.append(f"not told by these drives, so left as they are: {', '.join(untold)}")
