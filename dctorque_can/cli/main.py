@@ -33,6 +33,7 @@ COMMANDS = (
     "compare",
     "study",
     "check",
+    "identify",
     "design",
     "recover",
     "convert",

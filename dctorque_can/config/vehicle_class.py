@@ -36,8 +36,8 @@ SHARES = {
     "rolling_resistance": 0.3,
     "drag_coefficient": 0.15,
     "frontal_area_m2": 0.1,
-    "ratio": 0.01,
-    "final_drive": 0.01,
+    "ratio": 0.002,
+    "final_drive": 0.002,
 }
 """By how much a car is another one than its class, as a share of each value (standard deviation); chosen, wide."""
 

@@ -53,10 +53,12 @@ def edited(text: str, edits: list[Edit]) -> str:
         before = _leaves(text)
         text = _put(text, _place(text, _root(text), edit.key.split("."), edit.value), edit.comment)
         # whatever shares the text by an alias stays what it was
+        after = _leaves(text)
         for key, value in before.items():
             own = key == edit.key or key.startswith(f"{edit.key}.") or edit.key.startswith(f"{key}.")
-            if not own and _leaves(text).get(key) != value:
+            if not own and after.get(key) != value:
                 text = _put(text, _place(text, _root(text), key.split("."), shown(value)), "as before")
+                after = _leaves(text)
     return text
 
 
