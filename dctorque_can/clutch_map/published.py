@@ -1,0 +1,59 @@
+"""The map as it is published: rising, moved no faster than a clutch changes, each node valid or not."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from dctorque_can.clutch_map.learner import Learner
+from dctorque_can.clutch_map.settings import NODES, MapSettings
+
+Floats = NDArray[np.float64]
+
+
+class Published:
+    """The published values of one clutch's nodes.
+
+    Args:
+        settings: of all maps.
+
+    Attributes:
+        raw_nm: as learned ``[NODES]``.
+        capacity_nm: rising, never negative, and moved by no more than may be ``[NODES]``.
+        sigma_nm: standard deviation of ``capacity_nm`` ``[NODES]``.
+        valid: whether a node has seen enough, in the range seen, and is known well enough ``[NODES]``.
+    """
+
+    def __init__(self, settings: MapSettings) -> None:
+        self._settings = settings
+        self.raw_nm, self.capacity_nm, self.sigma_nm = np.zeros(NODES), np.zeros(NODES), np.zeros(NODES)
+        self.valid = np.zeros(NODES, np.bool_)
+        self.grid: Floats = np.zeros(NODES)
+        self.moved_s = 0.0
+
+    def renew(self, learner: Learner, theta: float, slipped_s: float) -> Floats:
+        """Take over what is learned, and return its covariance ``[NODES, NODES]``.
+
+        Args:
+            learner: of the clutch.
+            theta: ϑ of now.
+            slipped_s: for how long the clutch has slipped in all.
+        """
+        self.raw_nm, covariance = learner.curve(theta)
+        variance = np.maximum(np.diagonal(covariance), 1e-12)
+        rising = isotonic_regression(self.raw_nm, weights=1.0 / variance).x
+        target = np.maximum(np.asarray(rising, np.float64), 0.0)
+        most = self._settings.node_speed_nm_s * (slipped_s - self.moved_s)
+        if self.moved_s > 0.0:
+            before = np.interp(learner.grid, self.grid, self.capacity_nm)
+            was = np.interp(learner.grid, self.grid, self.valid.astype(np.float64)) > 0.0
+            target = np.where(was, np.clip(target, before - most, before + most), target)
+            target = np.maximum.accumulate(target)
+        self.grid, self.capacity_nm, self.moved_s = learner.grid, target, slipped_s
+        self.sigma_nm = np.sqrt(variance + (target - self.raw_nm) ** 2)
+        step = learner.span / (NODES - 1)
+        inside = (self.grid > learner.seen[0] - step) & (self.grid < learner.seen[1] + step)
+        known = self.sigma_nm <= self._settings.largest_sigma_share * learner.capacity_nm
+        self.valid = inside & known & (learner.samples >= self._settings.least_samples)
+        return covariance
