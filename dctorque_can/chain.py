@@ -8,11 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.bus.decoder import Decoder
+from dctorque_can.clutch_map.clutch_maps import ClutchMaps
+from dctorque_can.clutch_map.rows import CLUTCH_MAP
 from dctorque_can.config.load import Config
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.estimator import FEW, Estimator, warm_up
 from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.samples import Samples
 from dctorque_can.pipeline.smoothing import Smoother
+
+NO_MAP_ROWS = np.zeros(0, CLUTCH_MAP)
 
 
 class Chain:
@@ -21,6 +26,9 @@ class Chain:
     Args:
         config: the configuration.
         smooth: remember everything, for `smoothed`.
+
+    Attributes:
+        maps: of the clutches; None when they are not learned.
 
     Raises:
         DctorqueError: the configured method cannot be smoothed.
@@ -33,7 +41,10 @@ class Chain:
         self._estimator = self._smoother or Estimator(config.settings)
         self._feed_few: Callable[[Frames], Estimates] | None = None
         if isinstance(self._estimator, Estimator):
-            self._feed_few = _through_inbox(self._decoder, self._estimator)
+            learn = None if config.clutch_map is None else self._learn
+            self._feed_few = _through_inbox(self._decoder, self._estimator, learn)
+        self.maps = ClutchMaps(config.clutch_map) if config.clutch_map is not None else None
+        self._map_rows: list[NDArray[np.void]] = []
         self._few = FEW // max(self._decoder.most_per_frame, 1)  # frames, for whose samples there is always room
 
     def warm_up(self) -> None:
@@ -46,7 +57,24 @@ class Chain:
         """Return the estimates that became due with ``frames``."""
         if self._feed_few is not None and len(frames) <= self._few:
             return self._feed_few(frames)
-        return self._estimator.feed(self._decoder.decode(frames))
+        samples = self._decoder.decode(frames)
+        return self._learn(samples, self._estimator.feed(samples))
+
+    def _learn(self, samples: Samples, estimates: Estimates) -> Estimates:
+        """Let the maps learn from what frames gave, and return the estimates as they are."""
+        if self.maps is not None:
+            rows = self.maps.take(samples, estimates.rows)
+            if len(rows):
+                self._map_rows.append(rows)
+        return estimates
+
+    def map_rows(self) -> NDArray[np.void]:
+        """Return the `CLUTCH_MAP` rows that became due since the last call ``[n]``."""
+        if not self._map_rows:
+            return NO_MAP_ROWS
+        rows = np.concatenate(self._map_rows)
+        self._map_rows.clear()
+        return rows
 
     def smoothed(self, progress: Callable[[float], None] = lambda fraction: None) -> NDArray[np.void]:
         """Return all estimates that `feed` gave once more, smoothed: `ESTIMATE` ``[n]``."""
@@ -60,7 +88,17 @@ class Chain:
         return self._estimator.health
 
 
-def _through_inbox(decoder: Decoder, estimator: Estimator) -> Callable[[Frames], Estimates]:
+def _through_inbox(
+    decoder: Decoder, estimator: Estimator, learn: Callable[[Samples, Estimates], Estimates] | None
+) -> Callable[[Frames], Estimates]:
     """Return what feeds a few frames, as they come live: the decoder writes where the estimator reads."""
-    decode, feed = decoder.into(estimator.inbox), estimator.feed_inbox
-    return lambda frames: feed(decode(frames))
+    inbox = estimator.inbox
+    decode, feed = decoder.into(inbox), estimator.feed_inbox
+    if learn is None:
+        return lambda frames: feed(decode(frames))
+
+    def through(frames: Frames) -> Estimates:
+        n = decode(frames)
+        return learn(inbox[:n], feed(n))
+
+    return through

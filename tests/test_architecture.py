@@ -24,10 +24,19 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "bus": WORDS,
     "logs": WORDS,
     "simulation": ("driveline", *WORDS, "bus"),
-    "config": ("bus", *WORDS, "pipeline.settings", "driveline", "estimators.methods", *DESIGNS),
-    "chain": ("bus", "pipeline", "config"),
+    "clutch_map": WORDS,
+    "config": (
+        "bus",
+        "clutch_map.settings",
+        *WORDS,
+        "pipeline.settings",
+        "driveline",
+        "estimators.methods",
+        *DESIGNS,
+    ),
+    "chain": ("bus", "pipeline", "config", "clutch_map"),
     "analysis": WORDS,
-    "daemon": ("chain", *WORDS, "bus", "logs", "config", "analysis"),
+    "daemon": ("chain", *WORDS, "bus", "logs", "config", "analysis", "clutch_map"),
     # What plays onto a bus needs its link; the demo is the service on a simulated car.
     "offline": (
         "chain",
@@ -39,6 +48,8 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "simulation",
         "config",
         "analysis",
+        "clutch_map",
+        "daemon.kept_maps",
         "daemon.link",
         "daemon.log_plan",
         "daemon.service",
@@ -55,7 +66,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     ),
     "design": ("driveline", "estimators", *WORDS, "pipeline.settings", "config"),
     "identify": (*WORDS, "logs", "config", "analysis", "offline"),
-    "report": (*WORDS, "analysis", "config", "design", "study", "identify"),
+    "report": (*WORDS, "clutch_map.rows", "analysis", "config", "design", "study", "identify"),
     "cli": (
         "driveline",
         "estimators",
@@ -68,6 +79,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "analysis",
         "daemon",
         "design",
+        "clutch_map",
         "offline",
         "identify",
         "study",
@@ -77,7 +89,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 """What each room, or file at the top of the package, may know besides `FOR_ALL`."""
 FOR_ALL = ("compiled", "compiling", "errors", "resources")
 
-CORE = ("driveline", "estimators", "plausibility", "pipeline")
+CORE = ("driveline", "estimators", "plausibility", "pipeline", "clutch_map")
 CORE_MODULES = {"numpy", "scipy", "numba", NAME}
 CORE_STANDARD_MODULES = {
     "__future__",
@@ -99,6 +111,7 @@ COMPUTES = {"numpy", "scipy", "statistics", "numba"}
 NO_COMPILED_CODE = (
     "analysis",
     "chain.py",
+    "clutch_map",
     "cli",
     "config",
     "daemon",

@@ -159,6 +159,7 @@ class ClutchMaps:
         if self._due is None and len(keys):
             self._due = int(keys[0]) + self._settings.period_us
         while begin < len(keys):
+            assert self._due is not None
             due = int(np.searchsorted(keys, self._due))
             end = min(due + 1, len(keys))
             self._go(joined, begin, end)
@@ -166,7 +167,9 @@ class ClutchMaps:
                 self._due = int(keys[due]) + self._settings.period_us
                 found.append(self.now())
             begin = end
-        for seen in joined.observations[len(keys) and np.searchsorted(joined.observations["key"], keys[-1], "right") :]:
+        for seen in joined.observations[
+            len(keys) and np.searchsorted(joined.observations["key"], keys[-1], "right") :
+        ]:
             self._of(int(seen["clutch"])).learn(seen)
         return np.concatenate(found) if found else _NOTHING
 
@@ -191,9 +194,10 @@ class ClutchMaps:
             return _NOTHING
         key, t_us = self._last
         temperatures = self._temperatures
-        rows = [clutch.row(key, t_us, self.distance_km, temperatures[clutch.number - 1]) for clutch in self.clutches]
+        rows = [
+            clutch.row(key, t_us, self.distance_km, temperatures[clutch.number - 1]) for clutch in self.clutches
+        ]
         return np.concatenate(rows)
 
     def _of(self, i: int) -> ClutchMap:
         return next(clutch for clutch in self.clutches if clutch.number == i + 1)
-

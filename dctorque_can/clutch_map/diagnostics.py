@@ -107,6 +107,10 @@ class Diagnostics:
         row["residual_rms_nm"] = np.where(seen, np.sqrt(self.residuals[2] / some), np.nan)
         row["temperature_s"] = WINDOW_US * 1e-6 * self.warm_windows
         row["engagements"], row["energy_j"] = self.engagements, self.energy_j
-        row["touch_first"], row["touch_least"], row["touch_most"] = self.touch.first, self.touch.least, self.touch.most
+        row["touch_first"], row["touch_least"], row["touch_most"] = (
+            self.touch.first,
+            self.touch.least,
+            self.touch.most,
+        )
         row["friction_least"], row["friction_most"] = self.friction.least, self.friction.most
         row["touch_per_1000_km"] = self.touch_per_1000_km

@@ -134,11 +134,18 @@ class Learner:
         self.seen = min(self.seen[0], x), max(self.seen[1], x)
         return innovation
 
+    def rest(self) -> None:
+        """Let an unknown time pass, as it does between two drives."""
+        self._key, self.unrest = None, 1.0
+        self._walk(_LONGEST_S / 3600.0)
+
     def _drift(self, key: int) -> None:
         """Let time pass: friction and touch point walk, faster when they have surprised."""
         seconds = 0.0 if self._key is None else min((key - self._key) * 1e-6, _LONGEST_S)
         self._key = key
-        hours = seconds / 3600.0 * max(self.unrest, 1.0) ** 2
+        self._walk(seconds / 3600.0 * max(self.unrest, 1.0) ** 2)
+
+    def _walk(self, hours: float) -> None:
         s, e = self._settings, self._actuation.touch_error
         self.P[FRICTION, FRICTION] += s.friction_drift_per_sqrt_h**2 * hours
         self.P[SHIFT, SHIFT] += (s.touch_drift_per_sqrt_h * e) ** 2 * hours
@@ -153,9 +160,7 @@ class Learner:
         self.x = whole @ self.x
         self.P = whole @ self.P @ whole.T
         self.P[:NODES, :NODES] += self.capacity_nm**2 * left_open
-        self.samples = np.concatenate(
-            [self.samples[0:-1:2] + self.samples[1::2], np.zeros(NODES - NODES // 2)]
-        )
+        self.samples = np.concatenate([self.samples[0:-1:2] + self.samples[1::2], np.zeros(NODES - NODES // 2)])
 
     def _model(self, x: float, rate: float, slip: float, theta: float) -> tuple[Floats, float, float]:
         """Return the Jacobian ``[STATES]``, the expected torque, and how steep it is, N·m per unit."""

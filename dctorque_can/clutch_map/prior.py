@@ -39,6 +39,6 @@ def twice_the_span(nodes: int) -> tuple[Floats, Floats]:
     new = np.linspace(0.0, 1.0, nodes)
     old = 0.5 * new
     between = covariance(new, old)
-    a = np.linalg.solve(covariance(old, old), between.T).T
+    a = np.asarray(np.linalg.solve(covariance(old, old), between.T).T, np.float64)
     left_open = covariance(new, new) - a @ between.T
     return a, 0.5 * (left_open + left_open.T)

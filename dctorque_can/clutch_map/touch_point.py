@@ -44,7 +44,12 @@ UNKNOWN = Touch(np.nan, np.nan, np.nan, np.nan)
 
 
 def touch_of(
-    grid: Floats, torque: Floats, covariance: Floats, seen: NDArray[np.bool_], prior: tuple[float, float], scale: float
+    grid: Floats,
+    torque: Floats,
+    covariance: Floats,
+    seen: NDArray[np.bool_],
+    prior: tuple[float, float],
+    scale: float,
 ) -> Touch:
     """Return the lower end of a map.
 

@@ -186,7 +186,9 @@ class Join:
         ratio = self._ratios[gear + 1]
         slip = np.where(one, rows["clutch1_slip_rad_s"], rows["clutch2_slip_rad_s"])
         shaft = np.abs(rows["engine_speed_rad_s"] - slip)
-        return np.asarray(np.where(ratio > 0.0, shaft / np.maximum(ratio, 1e-9), 0.0) * self._settings.wheel_radius_m)
+        return np.asarray(
+            np.where(ratio > 0.0, shaft / np.maximum(ratio, 1e-9), 0.0) * self._settings.wheel_radius_m
+        )
 
     def _of_clutch(
         self, i: int, until: int, rows: NDArray[np.void], row_keys: NDArray[np.int64]
@@ -224,11 +226,11 @@ class Join:
         number, n_of, place = i + 1, counts[whole], np.repeat(np.arange(int(whole.sum())), counts[whole])
 
         def total(value: Floats) -> Floats:
-            return np.bincount(place, weights=value)
+            return np.asarray(np.bincount(place, weights=value), np.float64)
 
         def mean(name: str) -> Floats:
             column = rows[f"clutch{number}_{name}"]
-            return total(column[before] + share * (column[after] - column[before])) / n_of
+            return np.asarray(total(column[before] + share * (column[after] - column[before])) / n_of)
 
         turns = sign[rows_of := before[np.append(0, np.cumsum(n_of)[:-1])]]
         seconds = total(step)
