@@ -69,6 +69,7 @@ def replay(
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
+            from dctorque_can.report.clutch_map_lines import map_lines
             from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
         if output is not None:
@@ -105,6 +106,8 @@ def replay(
             say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
             say(learned(result.health["engine_torque"]))
         for line in hint_lines(result.health["hints"]):
+            say(line)
+        for line in map_lines(result.clutch_map):
             say(line)
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")

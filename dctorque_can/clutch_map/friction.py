@@ -1,7 +1,7 @@
 """What stands for a clutch's temperature: the one that the vehicle file's thermal data give, or the heat stored.
 
-Without thermal data the friction work is kept with a time constant in which an ordinary clutch cools. A coefficient
-for it is learned from the clutch itself, so that its unit does not matter.
+Without thermal data the friction work is kept with a time constant in which an ordinary clutch cools. A
+coefficient for it is learned from the clutch itself, so that its unit does not matter.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ _LISTS = (*_NODES, "residual_nm", "residual_rms_nm", "temperature_s", "engagemen
 
 
 def maps_json(rows: NDArray[np.void]) -> list[dict[str, Any]]:
-    """Return `CLUTCH_MAP` rows as JSON has them: None is not known, and nodes are those that have seen anything."""
+    """Return `CLUTCH_MAP` rows as JSON has them: None is not known; nodes are those that have seen anything."""
     return [_row_json(row) for row in rows]
 
 

@@ -7,10 +7,12 @@ from typing import Annotated
 
 from pydantic import Field
 
+from dctorque_can.bus.map_output import MAP_MESSAGES
 from dctorque_can.clutch_map.settings import Actuation, MapSettings
 from dctorque_can.config.document import Document
+from dctorque_can.config.edges import LAST_EXTENDED_ID
 from dctorque_can.config.estimation import microseconds
-from dctorque_can.config.section import Section
+from dctorque_can.config.section import Section, nearest
 from dctorque_can.driveline.parameters import GEARS, Clutch
 from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.estimators.methods import Method
@@ -28,6 +30,8 @@ class ClutchMapSection(Section):
 
     enabled: bool = False
     """Learn the maps of both clutches."""
+    ids: dict[str, Annotated[int, Field(ge=0, le=LAST_EXTENDED_ID)]] = Field(default_factory=dict)
+    """Message name of dctorque_map.dbc to arbitration id, instead of the DBC's, where estimates are sent."""
     period_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
     """Time between two rows of the maps in the log, s."""
     least_slip_rad_s: Annotated[float, Field(ge=1, le=1000)] = 10.0
@@ -57,6 +61,10 @@ class StateSection(Section):
 
 def map_settings(document: Document, section: ClutchMapSection, settings: Settings) -> MapSettings | None:
     """Return what learning the maps needs, or None when they are not wanted; errors go to the document."""
+    for name in section.ids:
+        if name not in MAP_MESSAGES:
+            reason = f"dctorque_map.dbc has no such message{nearest(name, MAP_MESSAGES)}"
+            document.problems.append(document.problem(("clutch_map", "ids", name), reason))
     if not section.enabled:
         return None
     where = ("clutch_map", "enabled")

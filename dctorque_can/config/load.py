@@ -52,6 +52,7 @@ class Config:
         output: the messages that are sent.
         logging: the log.
         clutch_map: how the maps of the clutches are learned; None: they are not.
+        map_ids: of the messages of the maps, message name to arbitration id, where it is not the DBC's.
         state: what is kept over a restart.
         documents: vehicle file, DBCs and overrides as they were loaded; `load_documents` reads them again.
         entries: the inputs with their keys, units and periods, for people.
@@ -69,6 +70,7 @@ class Config:
     output: OutputSettings
     logging: LoggingSection
     clutch_map: MapSettings | None
+    map_ids: dict[str, int]
     state: StateSection
     documents: dict[str, bytes]
     entries: tuple[InputEntry, ...]
@@ -178,7 +180,7 @@ def _load(
     maps = map_settings(document, learned, parts.settings) if learned is not None and parts is not None else None
     output = files.output(database, output_channel(document, buses) if buses else 0)
     problems = sorted(document.without_consequences(), key=problem_order)
-    sound = parts is not None and database is not None and buses and logging and output and state
+    sound = parts is not None and database is not None and buses and logging and output and learned and state
     if not sound or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
     assert isinstance(parts, Parts)
@@ -186,6 +188,7 @@ def _load(
     assert buses is not None
     assert logging is not None
     assert output is not None
+    assert learned is not None
     assert state is not None
     return Config(
         path=path,
@@ -197,6 +200,7 @@ def _load(
         output=output,
         logging=logging,
         clutch_map=maps,
+        map_ids=dict(learned.ids),
         state=state,
         documents=documents,
         entries=parts.entries,
