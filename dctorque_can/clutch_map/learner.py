@@ -13,6 +13,9 @@ What a slipping clutch carries is its capacity. At the actuation x, which change
 g and o last: they are never observed apart from C and so stay in its σ, however often the clutch slips (a Schmidt
 filter's "considered" parameters: S. F. Schmidt, in Advances in Control Systems 3, 1966). What is noise of the
 estimate counts by its standard deviation, once in the time for which it lasts.
+
+The products of states need care where C is not known yet: at C = 0 a gain would change nothing, and its error would
+seem to be none. So the update is iterated once (Jazwinski, Stochastic Processes and Filtering Theory, 1970, 8.3).
 """
 
 from __future__ import annotations
@@ -114,20 +117,27 @@ class Learner:
         self._drift(key)
         while x > self.left + self.span:
             self._double()
+        before = self.x
         jacobian, expected, steepness = self._model(x, rate, slip, theta)
-        blur = steepness * abs(rate) * _SETTLES_S
-        noise = sigma**2 + blur**2
+        noise = sigma**2 + (steepness * abs(rate) * _SETTLES_S) ** 2
         gain = self.P @ jacobian
-        variance = float(jacobian @ gain) + noise
+        known = float(jacobian @ gain)
         innovation = torque - expected
-        ratio = innovation**2 / variance
+        ratio = innovation**2 / (known + noise)
         self.unrest += (WINDOW_US * 1e-6 / _CAUTION_S) * (min(ratio, 9.0) - self.unrest)
         if ratio > _GATE**2:
             self.refused += 1
             return None
         self.taken += 1
-        self.x += gain * (innovation / variance)
-        self.P -= np.outer(gain, gain) / variance
+        self.x = before + gain * (innovation / (known + noise))
+        if known > noise:  # the map is less sure than the estimate: the Jacobian is that of what it becomes
+            jacobian, expected, steepness = self._model(x, rate, slip, theta)
+            noise = sigma**2 + (steepness * abs(rate) * _SETTLES_S) ** 2
+            gain = self.P @ jacobian
+            known = float(jacobian @ gain)
+            left = torque - expected - float(jacobian @ (before - self.x))
+            self.x = before + gain * (left / (known + noise))
+        self.P -= np.outer(gain, gain) / (known + noise)
         self.P = 0.5 * (self.P + self.P.T)
         weights = jacobian[:NODES] / max(float(jacobian[:NODES].sum()), 1e-9)
         self.samples += weights * (WINDOW_US * 1e-6 / _INDEPENDENT_S)
