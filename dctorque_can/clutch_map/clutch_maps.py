@@ -19,6 +19,7 @@ from dctorque_can.clutch_map.windows import WINDOW_US, Join, Joined
 from dctorque_can.pipeline.samples import Samples
 
 _NOTHING = np.zeros(0, CLUTCH_MAP)
+_FRICTION_KNOWN = 0.1  # σ of the health index, down to which it must be
 _TOUCH_KNOWN_SHARE = 0.5  # of the touch point's error by the vehicle file, down to which its σ must be
 
 
@@ -83,6 +84,8 @@ class ClutchMap:
         row["touch_valid"] = touch.point_sigma <= _TOUCH_KNOWN_SHARE * self.actuation.touch_error
         row["slope_nm_per_unit"], row["slope_sigma"] = touch.slope, touch.slope_sigma
         row["friction"] = friction
+        friction_sigma = friction * math.sqrt(learner.P[states.FRICTION, states.FRICTION])
+        row["friction_valid"] = published.valid.any() and friction_sigma <= _FRICTION_KNOWN
         for name, state, factor in (
             ("friction", states.FRICTION, friction),
             ("hysteresis", states.HYSTERESIS, 1.0),

@@ -55,6 +55,7 @@ CLUTCH_MAP = np.dtype(
         ("valid", "u1", (NODES,)),  # of the nodes
         ("clutch", "u1"),  # 1 or 2
         ("touch_valid", "u1"),
+        ("friction_valid", "u1"),
         ("restored", "u1"),  # begun from a kept state
     ],
     align=True,

@@ -24,7 +24,8 @@ def _row_json(row: Any) -> dict[str, Any]:
     for name in row.dtype.names:
         if name not in ("clutch", "t_us", *_LISTS):
             words[name] = _plain(row[name])
-    words["touch_valid"], words["restored"] = bool(row["touch_valid"]), bool(row["restored"])
+    for name in ("touch_valid", "friction_valid", "restored"):
+        words[name] = bool(row[name])
     words["residuals"] = [
         {"torque_nm": at, "mean_nm": _plain(mean), "rms_nm": _plain(rms)}
         for at, mean, rms in zip(RESIDUALS_NM, row["residual_nm"], row["residual_rms_nm"], strict=True)

@@ -25,7 +25,8 @@ def map_lines(found: dict[str, Any] | None) -> Iterator[str]:
         line = f"clutch {clutch['clutch']}: {len(valid)} of {len(clutch['nodes'])} nodes of its map are valid"
         if clutch["touch_valid"]:
             line += f", touch point {_with_sigma(clutch['touch_point'], clutch['touch_sigma'])}"
-        line += f", friction {_percent(clutch['friction'], clutch['friction_sigma'])} of that at the beginning"
+        if clutch["friction_valid"]:
+            line += f", friction {_percent(clutch['friction'], clutch['friction_sigma'])} of that at the beginning"
         yield line
 
 

@@ -36,7 +36,7 @@ def read(frames):
     for i in range(len(frames)):
         message = DATABASE.get_message_by_frame_id(int(frames.can_id[i]))
         payload = frames.data[i, :8].tobytes()
-        assert e2e.p01.e2e_p01_check(payload, 8, message.frame_id)
+        assert e2e.p01.e2e_p01_check(bytearray(payload), message.frame_id)
         found.append((int(frames.t_us[i]), message.name, message.decode(payload, decode_choices=False)))
     return found
 
