@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.bus.decoder import Decoder
-from dctorque_can.clutch_map.clutch_maps import ClutchMaps
-from dctorque_can.clutch_map.rows import CLUTCH_MAP
+from dctorque_can.clutch_maps.maps import ClutchMaps
+from dctorque_can.clutch_maps.rows import CLUTCH_MAP
 from dctorque_can.config.load import Config
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.estimator import FEW, Estimator, warm_up

@@ -24,19 +24,19 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "bus": WORDS,
     "logs": WORDS,
     "simulation": ("driveline", *WORDS, "bus"),
-    "clutch_map": WORDS,
+    "clutch_maps": WORDS,
     "config": (
         "bus",
-        "clutch_map.settings",
+        "clutch_maps.settings",
         *WORDS,
         "pipeline.settings",
         "driveline",
         "estimators.methods",
         *DESIGNS,
     ),
-    "chain": ("bus", "pipeline", "config", "clutch_map"),
+    "chain": ("bus", "pipeline", "config", "clutch_maps"),
     "analysis": WORDS,
-    "daemon": ("chain", *WORDS, "bus", "logs", "config", "analysis", "clutch_map"),
+    "daemon": ("chain", *WORDS, "bus", "logs", "config", "analysis", "clutch_maps"),
     # What plays onto a bus needs its link; the demo is the service on a simulated car.
     "offline": (
         "chain",
@@ -48,7 +48,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "simulation",
         "config",
         "analysis",
-        "clutch_map",
+        "clutch_maps",
         "daemon.kept_maps",
         "daemon.link",
         "daemon.log_plan",
@@ -66,7 +66,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     ),
     "design": ("driveline", "estimators", *WORDS, "pipeline.settings", "config"),
     "identify": (*WORDS, "logs", "config", "analysis", "offline"),
-    "report": (*WORDS, "clutch_map.rows", "analysis", "config", "design", "study", "identify"),
+    "report": (*WORDS, "clutch_maps.rows", "analysis", "config", "design", "study", "identify"),
     "cli": (
         "driveline",
         "estimators",
@@ -79,7 +79,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "analysis",
         "daemon",
         "design",
-        "clutch_map",
+        "clutch_maps",
         "offline",
         "identify",
         "study",
@@ -89,7 +89,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 """What each room, or file at the top of the package, may know besides `FOR_ALL`."""
 FOR_ALL = ("compiled", "compiling", "errors", "resources")
 
-CORE = ("driveline", "estimators", "plausibility", "pipeline", "clutch_map")
+CORE = ("driveline", "estimators", "plausibility", "pipeline", "clutch_maps")
 CORE_MODULES = {"numpy", "scipy", "numba", NAME}
 CORE_STANDARD_MODULES = {
     "__future__",
@@ -111,7 +111,7 @@ COMPUTES = {"numpy", "scipy", "statistics", "numba"}
 NO_COMPILED_CODE = (
     "analysis",
     "chain.py",
-    "clutch_map",
+    "clutch_maps",
     "cli",
     "config",
     "daemon",

@@ -55,7 +55,7 @@ def map_errors(
     """
     rows = rows[rows["clutch"] == clutch]
     found: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
-    ends = np.append(rows["t_us"][1:], np.iinfo(np.int64).max)
+    ends = [*rows["t_us"][1:].tolist(), np.iinfo(np.int64).max][: len(rows)]
     slips = truth[f"phase{clutch}"] == ClutchPhase.SLIPPING
     for row, end in zip(rows, ends, strict=True):
         first, last = np.searchsorted(truth["t_us"], [row["t_us"], end])

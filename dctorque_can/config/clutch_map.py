@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from dctorque_can.bus.map_output import MAP_MESSAGES
-from dctorque_can.clutch_map.settings import Actuation, MapSettings
+from dctorque_can.clutch_maps.settings import Actuation, MapSettings
 from dctorque_can.config.document import Document
 from dctorque_can.config.edges import LAST_EXTENDED_ID
 from dctorque_can.config.estimation import microseconds

@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 import yaml
 from cantools.database.can import Database
 
-from dctorque_can.clutch_map.settings import MapSettings
+from dctorque_can.clutch_maps.settings import MapSettings
 from dctorque_can.config.build import Parts, build_parts
 from dctorque_can.config.buses import output_channel, read_buses
 from dctorque_can.config.clutch_map import ClutchMapSection, StateSection, map_settings

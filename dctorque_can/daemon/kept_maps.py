@@ -13,9 +13,9 @@ from typing import Any
 import yaml
 
 from dctorque_can import __version__
-from dctorque_can.clutch_map import state
-from dctorque_can.clutch_map.clutch_maps import ClutchMaps
-from dctorque_can.clutch_map.rows import CLUTCH_MAP
+from dctorque_can.clutch_maps import state
+from dctorque_can.clutch_maps.maps import ClutchMaps
+from dctorque_can.clutch_maps.rows import CLUTCH_MAP
 from dctorque_can.config.load import OVERRIDES_SUFFIX, Config
 from dctorque_can.logs.mcap.table import Table
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dctorque_can.bus.database import DatabaseFile, load_database
 from dctorque_can.bus.map_output import MapEncoder
 from dctorque_can.chain import Chain
-from dctorque_can.clutch_map.summary import maps_json
+from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.background import finished, in_background
 from dctorque_can.daemon.kept_maps import KeptMaps, begun, packed, state_name

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.map_errors import MapErrors, map_errors
 from dctorque_can.analysis.traffic import Traffic
 from dctorque_can.chain import NO_MAP_ROWS, Chain
-from dctorque_can.clutch_map.summary import maps_json
+from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.kept_maps import KeptMaps, begun, packed
 from dctorque_can.errors import DctorqueError

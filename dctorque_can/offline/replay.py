@@ -21,7 +21,7 @@ from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
-from dctorque_can.clutch_map.summary import maps_json
+from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.daemon.kept_maps import MAPS, begun, state_name, state_of
 from dctorque_can.errors import DctorqueError

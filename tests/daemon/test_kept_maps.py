@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dctorque_can.clutch_map.clutch_maps import ClutchMaps
+from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.config.load import Config, load_config
 from dctorque_can.daemon.kept_maps import KeptMaps, begun, identity, packed, state_name, state_of
 from dctorque_can.resources import shipped_config

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from dctorque_can.clutch_map.diagnostics import Diagnostics
-from dctorque_can.clutch_map.friction import COOLING_S, Warmth
-from dctorque_can.clutch_map.rows import CLUTCH_MAP
+from dctorque_can.clutch_maps.diagnostics import Diagnostics
+from dctorque_can.clutch_maps.friction import COOLING_S, Warmth
+from dctorque_can.clutch_maps.rows import CLUTCH_MAP
 from dctorque_can.pipeline.estimates import Status
 
 from .car import rows_of

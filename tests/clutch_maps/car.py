@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.clutch_map.settings import Actuation, MapSettings
+from dctorque_can.clutch_maps.settings import Actuation, MapSettings
 from dctorque_can.pipeline.estimates import ESTIMATE, Status
 from dctorque_can.pipeline.samples import Quantity, Samples
 
@@ -12,9 +12,7 @@ POSITIONS = (Quantity.CLUTCH1_POSITION, Quantity.CLUTCH2_POSITION)
 
 
 def settings(sign: float = 1.0, **changes) -> MapSettings:
-    clutches = tuple(
-        Actuation(quantity, sign, sign * 3.0, 0.6, timeout_us=100_000) for quantity in POSITIONS
-    )
+    clutches = tuple(Actuation(quantity, sign, sign * 3.0, 0.6, timeout_us=100_000) for quantity in POSITIONS)
     given = {
         "clutches": clutches,
         "capacity_nm": (400.0, 400.0),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dctorque_can.clutch_map.touch_point import UNKNOWN, touch_of
+from dctorque_can.clutch_maps.touch_point import UNKNOWN, touch_of
 
 GRID = np.linspace(1.8, 8.0, 24)
 
@@ -11,7 +11,7 @@ GRID = np.linspace(1.8, 8.0, 24)
 def fitted(point, p, a, noise_nm=1.0, highest=8.0, wrong_nm=0.0):
     torque = a * np.maximum(GRID - point, 0.0) ** p + wrong_nm
     covariance = noise_nm**2 * np.eye(len(GRID))
-    return touch_of(GRID, torque, covariance, (GRID > 3.3) & (GRID < highest), (3.0, 0.6), 400.0)
+    return touch_of(GRID, torque, covariance, (GRID > 3.3) & (highest > GRID), (3.0, 0.6), 400.0)
 
 
 @pytest.mark.parametrize("point", [2.4, 3.0, 3.6])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dctorque_can.clutch_map.settings import NODES
+from dctorque_can.clutch_maps.settings import NODES
 
 RESIDUALS_NM = (50.0, 75.0, 125.0, 200.0, 300.0)
 """Torques at which residuals are told; each observation counts at the nearest one by ratio."""

@@ -1,9 +1,12 @@
 """Samples and estimates joined: at the right instant, whatever the batches, and only what may teach."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from dctorque_can.clutch_map.windows import WINDOW_US, Join
+from dctorque_can.clutch_maps.windows import WINDOW_US, Join
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.samples import Quantity, SampleStatus
 
@@ -30,8 +33,6 @@ def test_torque_and_actuation_are_those_of_the_same_instants():
 
 
 def test_a_known_delay_is_taken_off():
-    from dataclasses import replace
-
     rules = settings()
     late = tuple(replace(clutch, delay_us=20_000) for clutch in rules.clutches)
     samples, rows = ramp()
@@ -101,7 +102,7 @@ def test_batches_change_nothing(clock_steps):
     random = np.random.default_rng(4)
     cuts = [0, *np.sort(random.integers(0, len(rows), 60)).tolist(), len(rows)]
     join = Join(settings())
-    parts = [join.take(samples[slice(a, b)], rows[a:b]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    parts = [join.take(samples[slice(a, b)], rows[a:b]) for a, b in pairwise(cuts)]
     parts = [part for part in parts if part is not None]
     for name in ("keys", "t_us", "speeds_m_s", "observations"):
         joined, expected = np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name)

@@ -14,8 +14,8 @@ g and o last: they are never observed apart from C and so stay in its σ, howeve
 filter's "considered" parameters: S. F. Schmidt, in Advances in Control Systems 3, 1966). What is noise of the
 estimate counts by its standard deviation, once in the time for which it lasts.
 
-The products of states need care where C is not known yet: at C = 0 a gain would change nothing, and its error would
-seem to be none. So the update is iterated once (Jazwinski, Stochastic Processes and Filtering Theory, 1970, 8.3).
+The products of states need care where C is not known yet: at C = 0 a gain would change nothing, and its error
+would seem to be none. So the update is iterated once (Jazwinski, Stochastic Processes and Filtering Theory, 1970, 8.3).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.clutch_map import prior
-from dctorque_can.clutch_map.settings import NODES, Actuation, MapSettings
-from dctorque_can.clutch_map.windows import WINDOW_US
+from dctorque_can.clutch_maps import prior
+from dctorque_can.clutch_maps.settings import NODES, Actuation, MapSettings
+from dctorque_can.clutch_maps.windows import WINDOW_US
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.clutch_map.rows import ENERGIES_J, RESIDUALS_NM, TEMPERATURES_C
-from dctorque_can.clutch_map.windows import WINDOW_US
+from dctorque_can.clutch_maps.rows import ENERGIES_J, RESIDUALS_NM, TEMPERATURES_C
+from dctorque_can.clutch_maps.windows import WINDOW_US
 from dctorque_can.pipeline.estimates import Status
 
 _LEAST_KM = 5.0  # standard deviation of the distances, for a drift over them

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from dctorque_can.clutch_map.learner import Learner
-from dctorque_can.clutch_map.published import Published
-from dctorque_can.clutch_map.settings import NODES
+from dctorque_can.clutch_maps.learner import Learner
+from dctorque_can.clutch_maps.published import Published
+from dctorque_can.clutch_maps.settings import NODES
 
 from .car import capacity, settings
 

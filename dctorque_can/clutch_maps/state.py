@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.clutch_map.clutch_maps import ClutchMap, ClutchMaps
-from dctorque_can.clutch_map.diagnostics import Extremes
-from dctorque_can.clutch_map.learner import STATES
-from dctorque_can.clutch_map.settings import NODES
+from dctorque_can.clutch_maps.diagnostics import Extremes
+from dctorque_can.clutch_maps.learner import STATES
+from dctorque_can.clutch_maps.maps import ClutchMap, ClutchMaps
+from dctorque_can.clutch_maps.settings import NODES
 
 FORMAT = 1
 """Another one is another meaning of the numbers."""

@@ -7,15 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.clutch_map import learner as states
-from dctorque_can.clutch_map.diagnostics import Diagnostics
-from dctorque_can.clutch_map.friction import Warmth
-from dctorque_can.clutch_map.learner import Learner
-from dctorque_can.clutch_map.published import Published
-from dctorque_can.clutch_map.rows import CLUTCH_MAP
-from dctorque_can.clutch_map.settings import Actuation, MapSettings
-from dctorque_can.clutch_map.touch_point import UNKNOWN, Touch, touch_of
-from dctorque_can.clutch_map.windows import WINDOW_US, Join, Joined
+from dctorque_can.clutch_maps import learner as states
+from dctorque_can.clutch_maps.diagnostics import Diagnostics
+from dctorque_can.clutch_maps.friction import Warmth
+from dctorque_can.clutch_maps.learner import Learner
+from dctorque_can.clutch_maps.published import Published
+from dctorque_can.clutch_maps.rows import CLUTCH_MAP
+from dctorque_can.clutch_maps.settings import Actuation, MapSettings
+from dctorque_can.clutch_maps.touch_point import UNKNOWN, Touch, touch_of
+from dctorque_can.clutch_maps.windows import WINDOW_US, Join, Joined
 from dctorque_can.pipeline.samples import Samples
 
 _NOTHING = np.zeros(0, CLUTCH_MAP)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from dctorque_can.clutch_map import learner as states
-from dctorque_can.clutch_map import prior
-from dctorque_can.clutch_map.learner import Learner, hat
-from dctorque_can.clutch_map.settings import NODES
+from dctorque_can.clutch_maps import learner as states
+from dctorque_can.clutch_maps import prior
+from dctorque_can.clutch_maps.learner import Learner, hat
+from dctorque_can.clutch_maps.settings import NODES
 
 from .car import TOUCH_MM, capacity, settings
 
@@ -79,7 +79,7 @@ def test_the_touch_point_that_moves_is_followed():
         x = float(random.uniform(3.3, 7.0))
         torque = float(capacity(x, 1.0, shift) + 3.0 * random.standard_normal())
         learner.take(k * 500_000, x, 0.0, torque, 3.0, 60.0, 0.0)
-    torque, covariance = learner.curve(0.0)
+    torque, _ = learner.curve(0.0)
     node = int(np.searchsorted(learner.grid, 5.0))
     assert torque[node] == pytest.approx(capacity(learner.grid[node], 1.0, -0.5), abs=6.0)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.clutch_map.rows import ENERGIES_J, RESIDUALS_NM, TEMPERATURES_C
+from dctorque_can.clutch_maps.rows import ENERGIES_J, RESIDUALS_NM, TEMPERATURES_C
 
 _NODES = ("actuation", "capacity_nm", "sigma_nm", "raw_nm", "samples", "valid")
 _LISTS = (*_NODES, "residual_nm", "residual_rms_nm", "temperature_s", "engagements")

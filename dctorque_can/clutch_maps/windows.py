@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.clutch_map.settings import MapSettings
+from dctorque_can.clutch_maps.settings import MapSettings
 from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.samples import Samples, SampleStatus

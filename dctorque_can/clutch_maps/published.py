@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from dctorque_can.clutch_map.learner import Learner
-from dctorque_can.clutch_map.settings import NODES, MapSettings
+from dctorque_can.clutch_maps.learner import Learner
+from dctorque_can.clutch_maps.settings import NODES, MapSettings
 
 Floats = NDArray[np.float64]
 

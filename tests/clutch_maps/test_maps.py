@@ -1,14 +1,15 @@
 """Both maps as a whole: batches, published rows, what is kept."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from dctorque_can.clutch_map.clutch_maps import ClutchMaps
-from dctorque_can.clutch_map.rows import CLUTCH_MAP
-from dctorque_can.clutch_map.state import BadStateError, begin_from, kept
-from dctorque_can.clutch_map.summary import maps_json
+from dctorque_can.clutch_maps.maps import ClutchMaps
+from dctorque_can.clutch_maps.rows import CLUTCH_MAP
+from dctorque_can.clutch_maps.state import BadStateError, begin_from, kept
+from dctorque_can.clutch_maps.summary import maps_json
 
 from .car import TOUCH_MM, capacity, rows_of, samples_of, settings
 
@@ -29,7 +30,7 @@ def drive():
 def fed(drive, cuts, rules=None):
     samples, rows = drive
     maps = ClutchMaps(rules or settings())
-    parts = [maps.take(samples[slice(a, b)], rows[a:b]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    parts = [maps.take(samples[slice(a, b)], rows[a:b]) for a, b in pairwise(cuts)]
     return maps, np.concatenate(parts)
 
 
@@ -56,7 +57,8 @@ def test_it_finds_the_clutch(drive):
 def test_batches_change_nothing(drive):
     n = len(drive[1])
     whole, expected = fed(drive, [0, n])
-    for cuts in (list(range(0, n + 1, 7)) + [n], list(range(0, n, 501)) + [n]):
+    for step in (7, 501):
+        cuts = [*range(0, n, step), n]
         maps, rows = fed(drive, cuts)
         same(rows, expected)
         same(maps.now(), whole.now())
@@ -75,7 +77,9 @@ def test_what_is_kept_goes_on_as_if_nothing_had_been(drive):
     assert after["restored"].tolist() == [1, 1]
     valid = (before["valid"][0] == 1) & (after["valid"][0] == 1)
     assert valid.sum() > 8
-    np.testing.assert_allclose(after["capacity_nm"][0][valid], before["capacity_nm"][0][valid], rtol=0.03, atol=2.0)
+    np.testing.assert_allclose(
+        after["capacity_nm"][0][valid], before["capacity_nm"][0][valid], rtol=0.03, atol=2.0
+    )
     assert after["taken"][0] > before["taken"][0]
     assert after["distance_km"][0] > before["distance_km"][0]
     assert after["touch_first"][0] == before["touch_first"][0]
