@@ -15,7 +15,8 @@ filter's "considered" parameters: S. F. Schmidt, in Advances in Control Systems 
 estimate counts by its standard deviation, once in the time for which it lasts.
 
 The products of states need care where C is not known yet: at C = 0 a gain would change nothing, and its error
-would seem to be none. So the update is iterated once (Jazwinski, Stochastic Processes and Filtering Theory, 1970, 8.3).
+would seem to be none. So the update is iterated once (Jazwinski, Stochastic Processes and Filtering Theory, 1970,
+section 8.3).
 """
 
 from __future__ import annotations

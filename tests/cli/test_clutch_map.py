@@ -15,7 +15,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     config = load_config(shipped_config("avante_dct7"))
     path = tmp_path_factory.mktemp("map") / "drive.mcap"
-    write_log(config, simulate_car(config, DriveName.TOUCH_POINT_DRIFT, ProfileName.PRODUCTION, 1, 45.0), path)
+    write_log(config, simulate_car(config, DriveName.FRICTION_FADING, ProfileName.PRODUCTION, 1, 45.0), path)
     return path
 
 
@@ -31,14 +31,16 @@ def test_tables_and_plot(dctorque, log: Path, tmp_path: Path) -> None:
 
 
 def test_it_is_right_and_sure_of_no_more_than_it_knows(dctorque, log: Path) -> None:
-    """A clutch that moves by 0.5 mm within these 45 s, and one that stays."""
-    found = json.loads(dctorque("clutch-map", log, "--truth", "--json").out)
+    """A clutch that loses 30 % of its friction within seconds; the other one has hardly slipped by the end."""
+    options = ("--truth", "--set", "clutch_map.period_s=1", "--json")
+    found = json.loads(dctorque("clutch-map", log, *options).out)
     assert found["start"] == "new"
     assert found["problems"] == []
-    assert found["errors"]["2"]["rms_share"] < 0.03
-    for errors in found["errors"].values():
-        assert errors["covered"] > 0.9
-    assert all(clutch["taken"] > 20 for clutch in found["clutches"])
+    assert found["errors"]["1"]["milliseconds"] > 10_000
+    assert found["errors"]["1"]["rms_share"] < 0.03
+    assert found["errors"]["1"]["covered"] > 0.9
+    assert found["errors"]["2"] is None
+    assert found["clutches"][0]["friction_by_heat"] < 0.0
 
 
 def test_it_goes_on_from_what_is_kept(dctorque, log: Path, tmp_path: Path) -> None:
