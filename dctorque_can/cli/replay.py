@@ -46,6 +46,10 @@ def replay(
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Smooth the estimates of the Kalman filter over the whole recording.")
     ] = False,
+    state: Annotated[
+        Path | None,
+        typer.Option("--state", metavar="DIR", help="Begin with the clutch maps that are kept there."),
+    ] = None,
     interface: InterfaceOption = None,
     channel: ChannelOption = None,
     speed: SpeedOption = 1.0,
@@ -83,7 +87,7 @@ def replay(
             tell = playing(loaded.can.arguments(), lambda is_error, text: (fail if is_error else say)(text))
             player = Player(stack.enter_context(tell), speed)
         with progress_bar("replaying") as progress:
-            content = ReplayContent(frames=frames, signals=signals, truth=truth, smooth=smooth)
+            content = ReplayContent(frames=frames, signals=signals, truth=truth, smooth=smooth, state=state)
             result = replay_logs(readers, loaded, ReplayTargets(output, player), content, progress)
     for problem in result.problems:
         warn(problem)

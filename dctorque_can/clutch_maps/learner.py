@@ -42,7 +42,7 @@ _SETTLES_S = 0.01  # σ of the time by which an estimate may be apart beside τ,
 _CAUTION_S = 0.5  # of slipping, over which surprises are remembered
 _FRICTION_SIGMA, _LAG_SIGMA_S, _HEAT_SIGMA, _SLIP_SIGMA = 0.02, 0.006, 0.2, 0.03
 _HYSTERESIS_SHARE, _FAST_PER_S = 0.3, 0.3  # of the touch error
-_LONGEST_S = 3600.0  # between two observations, that counts for drift
+_LONGEST_S = 120.0  # that counts for drift: a clutch that does not slip neither wears nor warms
 _GATE = 6.0  # standard deviations
 
 

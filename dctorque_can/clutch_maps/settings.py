@@ -44,6 +44,7 @@ class MapSettings:
         capacity_nm: of each clutch by the vehicle file, the scale of its torques.
         least_slip_rad_s: slower than this a clutch may stick, and carries less than it could.
         max_step_back_us: a larger step back in time is a clock set anew.
+        used: whether a kept map becomes a weak measurement of the torques.
         torque_error_nm: of the nominal engine torque, which may last for ever …
         torque_error_share: … and the part that grows with the torque.
         friction_drift_per_sqrt_h: by how much the friction may change in an hour, as a share.
@@ -62,6 +63,7 @@ class MapSettings:
     least_slip_rad_s: float
     max_step_back_us: int
     period_us: int = 10_000_000
+    used: bool = False
     torque_error_nm: float = 3.0
     torque_error_share: float = 0.05
     friction_drift_per_sqrt_h: float = 0.25

@@ -30,6 +30,8 @@ class ClutchMapSection(Section):
 
     enabled: bool = False
     """Learn the maps of both clutches."""
+    use_as_command: bool = False
+    """Use the map that was kept as a weak measurement of the torques, as a commanded torque is."""
     ids: dict[str, Annotated[int, Field(ge=0, le=LAST_EXTENDED_ID)]] = Field(default_factory=dict)
     """Message name of dctorque_map.dbc to arbitration id, instead of the DBC's, where estimates are sent."""
     period_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
@@ -75,6 +77,10 @@ def map_settings(document: Document, section: ClutchMapSection, settings: Settin
     if one is None and two is None:
         reason = "needs the position of a clutch (clutch_phase.source: position) or its command (inputs)"
         document.problems.append(document.problem(where, reason))
+    given = {entry.quantity for entry in settings.inputs}
+    if section.use_as_command and given & {Quantity.CLUTCH1_COMMAND, Quantity.CLUTCH2_COMMAND}:
+        reason = "a command is among the inputs already: leave that or this out"
+        document.problems.append(document.problem(("clutch_map", "use_as_command"), reason))
     ratios = [0.0] * GEARS
     for gear in settings.vehicle.gears:
         ratios[gear.number + 1] = gear.total_ratio
@@ -88,6 +94,7 @@ def map_settings(document: Document, section: ClutchMapSection, settings: Settin
         least_slip_rad_s=section.least_slip_rad_s,
         max_step_back_us=settings.max_step_back_us,
         period_us=microseconds(section.period_s * 1000.0),
+        used=section.use_as_command,
         torque_error_nm=settings.kalman.engine_torque_error_nm,
         torque_error_share=settings.kalman.engine_torque_error_share,
         friction_drift_per_sqrt_h=section.friction_drift_share,

@@ -17,6 +17,7 @@ from dctorque_can.clutch_maps import state
 from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.rows import CLUTCH_MAP
 from dctorque_can.config.load import OVERRIDES_SUFFIX, Config
+from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.table import Table
 
 STATE_SUFFIX = ".clutch_map.json"
@@ -136,6 +137,19 @@ class KeptMaps:
             if not os.path.lexists(path):
                 return path
             number += 1
+
+
+def read_state(directory: Path, config: Config) -> bytes:
+    """Return what is kept of a vehicle's maps in a folder, which stays as it is.
+
+    Raises:
+        DctorqueError: there is no such file.
+    """
+    path = directory / state_name(config)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise DctorqueError(f"{path}: no kept maps: {error.strerror}") from error
 
 
 def state_of(documents: Mapping[str, bytes]) -> bytes | None:

@@ -129,8 +129,8 @@ class Service:
         self._say = say
         self._patient = patient
         self._news: deque[tuple[bool, str]] = deque()
-        self._chain = Chain(config)
-        self._maps = MapKeeper(config, self._chain, self._tell)
+        self._maps = MapKeeper(config, self._tell)
+        self._chain = Chain(config, maps=self._maps.maps)
         numbers = [bus.number or 0 for bus in config.buses]
         named = map(NamedBus, map(str, config.buses), numbers, connects)
         self._links = BusLinks(list(named), self._tell)
@@ -220,7 +220,7 @@ class Service:
             self._links.close()
             self.finishing = True
             self._maps.close()
-            if self._chain.maps is not None:
+            if self._maps.maps is not None:
                 self._give_maps(self._maps.last_rows())
             if self._recorder is not None:
                 self._pass_on_news()

@@ -84,12 +84,9 @@ def learn_maps(
     """
     if config.clutch_map is None:
         raise DctorqueError(f"{config.path}: no maps are learned: set clutch_map.enabled: true")
-    chain = Chain(config)
     kept = None if directory is None else KeptMaps(config, tell, directory)
     content = None if kept is None else kept.read()
-    if content is not None:
-        maps, _ = begun(content, config)
-        chain.maps = maps
+    chain = Chain(config, maps=None if content is None else begun(content, config)[0])
     truths = [truth_of(reader.path) for reader in logs] if truth else []
     traffic = Traffic(mapped_messages(config))
     found: list[NDArray[np.void]] = [NO_MAP_ROWS]

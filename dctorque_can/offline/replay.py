@@ -21,9 +21,10 @@ from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
+from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config, load_documents
-from dctorque_can.daemon.kept_maps import MAPS, begun, state_name, state_of
+from dctorque_can.daemon.kept_maps import MAPS, begun, read_state, state_name, state_of
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
@@ -47,12 +48,14 @@ class ReplayContent:
         signals: the decoded signals of every known message.
         truth: the truth of a simulated log; the errors against it are computed.
         smooth: estimates are smoothed: each stands on all logs, also on what comes after it.
+        state: folder with the kept maps to begin from; None: those that travel in the first log.
     """
 
     frames: bool = False
     signals: bool = False
     truth: bool = False
     smooth: bool = False
+    state: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -206,7 +209,8 @@ def replay_logs(
         DctorqueError: the log cannot be written (then what was written until then is removed), there is no
             truth to compare with, or the configured method cannot be smoothed.
     """
-    replay = _Replay(config, targets, content, state_of(logs[0].documents) if logs else None)
+    start = state_of(logs[0].documents) if content.state is None else read_state(content.state, config)
+    replay = _Replay(config, targets, content, start)
     began_s = time.monotonic()
     try:
         with replay:
@@ -286,19 +290,19 @@ class _Replay:
         self._config = config
         self._content = content
         self._player = targets.player
-        self._chain = Chain(config, content.smooth)
-        self._signals = MessageColumns(config.database, config.addresses) if content.signals else None
-        self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
-        self._rows: list[NDArray[np.void]] = []
-        self._waiting: list[tuple[Frames, int, NDArray[np.void]]] = []  # frames, number of estimates, health
         documents = dict(config.documents)
+        maps: ClutchMaps | None = None
         self._map_start = "new"
         if config.clutch_map is not None and start is not None:
             maps, why = begun(start, config)
             self._map_start = why or "kept"
             if maps is not None:
-                self._chain.maps = maps
                 documents[state_name(config)] = start
+        self._chain = Chain(config, content.smooth, maps)
+        self._signals = MessageColumns(config.database, config.addresses) if content.signals else None
+        self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
+        self._rows: list[NDArray[np.void]] = []
+        self._waiting: list[tuple[Frames, int, NDArray[np.void]]] = []  # frames, number of estimates, health
         self._log = None if targets.log is None else _new_log(targets.log, documents, content)
 
     def __enter__(self) -> Self:

@@ -85,3 +85,27 @@ def test_what_is_wrong_is_one_line(dctorque, log: Path, tmp_path: Path) -> None:
         assert told in outcome.err
         assert "Traceback" not in outcome.err
     assert dctorque("clutch-map", log, "--plot", tmp_path / "maps.txt").code == 2
+
+
+def test_a_kept_map_helps_the_torques_but_not_itself(dctorque, log: Path, tmp_path: Path) -> None:
+    """Used as a command it changes the torques; what is learned stands on estimates that know nothing of it."""
+    state = tmp_path / "state"
+    dctorque("clutch-map", log, "--state", state)
+    learning = ("--state", state, "--set", "clutch_map.enabled=true", "--truth", "--json")
+    results = {}
+    for used in ("false", "true"):
+        out = tmp_path / f"{used}.mcap"
+        outcome = dctorque("replay", log, "-o", out, *learning, "--set", f"clutch_map.use_as_command={used}")
+        assert outcome.code == 0, outcome.err
+        results[used] = json.loads(outcome.out)
+    plain, helped = results["false"], results["true"]
+    assert plain["clutch_map"]["start"] == helped["clutch_map"]["start"] == "kept"
+    before, after = (result["errors"]["clutch1_nm"]["rms"] for result in (plain, helped))
+    assert after != before
+    assert after < 1.1 * before
+    for one, other in zip(plain["clutch_map"]["clutches"], helped["clutch_map"]["clutches"], strict=True):
+        assert one["taken"] == other["taken"]
+        assert one["friction"] == other["friction"]
+    missing = dctorque("replay", log, "-o", tmp_path / "x.mcap", "--state", tmp_path / "none")
+    assert missing.code == 1
+    assert "no kept maps" in missing.err

@@ -40,6 +40,14 @@ def test_a_command_where_no_position_is_told(load) -> None:
     [
         ({"estimator.method": "oh2014"}, "clutch_map.enabled", "set estimator.method: kalman"),
         ({"clutch_phase": {"source": "none"}}, "clutch_map.enabled", "needs the position of a clutch"),
+        (
+            {
+                "clutch_map.use_as_command": True,
+                "inputs.clutch1_command": {"signal": "EngineData.EngineTorque", "range": [-10, 500]},
+            },
+            "clutch_map.use_as_command",
+            "among the inputs already",
+        ),
         ({"clutch_map.ids": {"DctTouch": 5}}, "clutch_map.ids.DctTouch", "did you mean DctClutchTouch"),
         ({"clutch_map.least_samples": 0}, "clutch_map.least_samples", "greater than or equal to 1"),
         ({"clutch_map.nodes": 5}, "clutch_map.nodes", "unknown key"),
