@@ -21,7 +21,7 @@ PRIOR_FACTOR = 2.0  # σ of x_t before, over the error that the vehicle file giv
 SLOPE_SHARE = 0.2  # of the capacity, at which the slope is told
 _HIGHEST_SHARE = 0.5  # of the capacity, up to which nodes count
 _MODEL_SHARE = 0.004  # of the capacity: what the power law is wrong by
-_STEPS = 8
+_STEPS, _DONE = 12, 1e-3
 
 
 class Touch(NamedTuple):
@@ -81,6 +81,8 @@ def touch_of(
         step[1] = min(max(step[1], -0.3), 0.3)
         state = state + step
         state[1] = min(max(state[1], 1.0), 2.5)
+        if abs(step[0]) < _DONE * error and abs(step[1]) < _DONE:
+            break
     inverse = np.linalg.inv(normal)
     carried = SLOPE_SHARE * scale
     # where it carries that: x − x_t = (C/a)^(1/p), and dC/dx = p C/(x − x_t)
