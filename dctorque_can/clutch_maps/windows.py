@@ -22,6 +22,7 @@ WINDOW_US = 50_000
 _LONGEST_GAP_US = 50_000  # between two rows, that one may look between
 _EPOCH = 1 << 52  # µs, longer than any time: what comes after a step back of the clock is later
 _MOST_EPOCHS = 1 << 10
+_MOST_WAITING = 10_000  # batches of samples without a row
 
 OBSERVATION = np.dtype(
     [
@@ -116,46 +117,62 @@ class Join:
         self._settings = settings
         self._sample_clock = _Clock(settings.max_step_back_us)
         self._row_clock = _Clock(settings.max_step_back_us)
-        self._rows: list[NDArray[np.void]] = []
+        self._samples: list[Samples] = []  # as they came
+        self._fresh: list[NDArray[np.void]] = []  # rows as they came
+        self._rows: list[NDArray[np.void]] = []  # rows with their keys
         self._row_keys: list[NDArray[np.int64]] = []
         self._keys: tuple[list[NDArray[np.int64]], ...] = ([], [])
         self._values: tuple[list[Floats], ...] = ([], [])
-        self._due: int | None = None  # key of a row with which the next window is complete
         self._done = -(1 << 62)  # up to here windows have been given
+        self._last_us = self._due_us = 0  # time of the last row, and of one with which a window is complete
         self._delay_us = max((c.delay_us for c in settings.clutches if c is not None), default=0)
         self._ratios = np.array(settings.ratios)
 
     def take(self, samples: Samples, rows: NDArray[np.void]) -> Joined | None:
-        """Return what became complete, or None.
+        """Return what became complete, or None, as for nearly every live batch.
 
         Args:
-            samples: of the next frames; they are copied as far as they are needed later.
+            samples: of the next frames; they are copied.
             rows: `ESTIMATE` ``[n]`` that these frames gave; they are kept until their window is complete.
         """
-        sound = samples.status <= SampleStatus.NOT_AVAILABLE
-        if not sound.all():
-            samples = samples[sound]
-        keys = self._sample_clock.keys(samples.t_us)
-        for i, clutch in enumerate(self._settings.clutches):
-            if clutch is None:
-                continue
-            mine = (samples.quantity == clutch.quantity) & (samples.status == SampleStatus.OK)
-            if mine.any():
-                self._keys[i].append(keys[mine] - clutch.delay_us)
-                self._values[i].append(clutch.closing_sign * samples.value[mine])
+        if len(samples):
+            self._samples.append(_copied(samples))
         if not len(rows):
+            if len(self._samples) > _MOST_WAITING:
+                self._sort_samples()
             return None
-        row_keys = self._row_clock.keys(rows["t_us"])
-        self._rows.append(rows)
-        self._row_keys.append(row_keys)
-        last = int(row_keys[-1])
-        if self._due is None:
-            self._due = (int(row_keys[0]) // WINDOW_US + 1) * WINDOW_US + self._delay_us
-        if last < self._due:
+        self._fresh.append(rows)
+        last_us, before_us = int(rows["t_us"][-1]), self._last_us
+        self._last_us = last_us
+        if before_us <= last_us < self._due_us:
             return None
-        until = (last - self._delay_us) // WINDOW_US * WINDOW_US
-        self._due = until + WINDOW_US + self._delay_us
-        return self._complete(until)
+        self._sort_samples()
+        fresh = _joined(self._fresh)
+        self._fresh.clear()
+        keys = self._row_clock.keys(fresh["t_us"])
+        self._rows.append(fresh)
+        self._row_keys.append(keys)
+        last = int(keys[-1]) - self._delay_us
+        until = last // WINDOW_US * WINDOW_US
+        self._due_us = last_us + until + WINDOW_US - last
+        return self._complete(until) if until > self._done else None
+
+    def _sort_samples(self) -> None:
+        """Take out of the waiting samples what closes the clutches."""
+        if not self._samples:
+            return
+        columns = ("t_us", "quantity", "value", "status")
+        t_us, quantity, value, status = (
+            np.concatenate([getattr(part, name) for part in self._samples]) for name in columns
+        )
+        self._samples.clear()
+        sound = status <= SampleStatus.NOT_AVAILABLE
+        keys = self._sample_clock.keys(t_us[sound])
+        quantity, value, ok = quantity[sound], value[sound], status[sound] == SampleStatus.OK
+        for i, clutch in enumerate(self._settings.clutches):
+            if clutch is not None and (mine := (quantity == clutch.quantity) & ok).any():
+                self._keys[i].append(keys[mine] - clutch.delay_us)
+                self._values[i].append(clutch.closing_sign * value[mine])
 
     def _complete(self, until: int) -> Joined:
         """Return all windows that end by ``until``, and forget what made them."""
@@ -257,6 +274,17 @@ class Join:
         usable &= rows[f"clutch{number}_sigma_nm"] > 0.0
         usable &= np.abs(slip) > self._settings.least_slip_rad_s
         return usable, np.sign(slip)
+
+
+def _copied(samples: Samples) -> Samples:
+    """Return samples that stay as they are."""
+    return Samples(
+        samples.t_us.copy(),
+        samples.quantity.copy(),
+        samples.value.copy(),
+        samples.status.copy(),
+        samples.last.copy(),
+    )
 
 
 def _joined(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
