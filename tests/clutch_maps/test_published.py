@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import isotonic_regression
 
 from dctorque_can.clutch_maps.learner import Learner
-from dctorque_can.clutch_maps.published import Published
+from dctorque_can.clutch_maps.published import Published, rising
 from dctorque_can.clutch_maps.settings import NODES
 
 from .car import capacity, settings
@@ -30,6 +31,13 @@ def test_a_dip_is_levelled_and_told_in_sigma():
     moved = np.abs(shown.capacity_nm - shown.raw_nm)
     assert moved.max() > 5.0
     assert np.all(shown.sigma_nm >= moved)
+
+
+def test_what_rises_is_what_scipy_finds():
+    random = np.random.default_rng(9)
+    for _ in range(20):
+        values, weights = random.standard_normal(24).cumsum(), random.uniform(0.1, 5.0, 24)
+        np.testing.assert_allclose(rising(values, weights), isotonic_regression(values, weights=weights).x)
 
 
 def test_a_node_moves_no_faster_than_may_be_and_says_so():
