@@ -51,6 +51,20 @@ def shipped_studies() -> list[Path]:
     return sorted((_root() / "config" / "studies").glob("*.yaml"))
 
 
+def shipped_class(name: str) -> Path:
+    """Return the path of the shipped class of cars ``name`` ("compact_dct7_dry").
+
+    Raises:
+        DctorqueError: no such class ships; the message names those that do.
+    """
+    return _shipped("config/classes", name, ".yaml")
+
+
+def shipped_classes() -> list[Path]:
+    """Return the paths of all shipped classes of cars, sorted by name."""
+    return sorted((_root() / "config" / "classes").glob("*.yaml"))
+
+
 def find_config(text: str | Path, folder: Path = Path()) -> Path:
     """Return ``text`` as a path below ``folder``, or else the shipped vehicle file of that bare name."""
     return _find(text, folder, shipped_configs())

@@ -34,6 +34,7 @@ COMMANDS = (
     "study",
     "check",
     "clutch-map",
+    "identify",
     "design",
     "recover",
     "convert",

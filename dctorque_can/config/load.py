@@ -20,6 +20,7 @@ from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import ConfigError, Problem
 from dctorque_can.config.section import absent, nearest, problem_order, validate
+from dctorque_can.config.vehicle_class import take_class, take_sigmas
 from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import Input, Protection
 from dctorque_can.pipeline.settings import Settings
@@ -58,6 +59,8 @@ class Config:
         entries: the inputs with their keys, units and periods, for people.
         reorder_us: window within which frames of logs are sorted; None: as their origin asks for.
         addresses: by what the frames of each message are known, by its name.
+        sigmas: standard deviation of a number, by its dotted key, where the file or its class of cars tells one.
+        of_class: dotted keys of the numbers that the class of the car gave.
         warnings: what is doubtful but usable.
     """
 
@@ -76,6 +79,8 @@ class Config:
     entries: tuple[InputEntry, ...]
     reorder_us: int | None
     addresses: dict[str, Address]
+    sigmas: dict[str, float]
+    of_class: tuple[str, ...]
     warnings: tuple[Problem, ...]
 
     @property
@@ -164,6 +169,8 @@ def _load(
     document = parse(content, str(path))
     if document.data:
         apply_overrides(document, overrides)
+        sigmas = take_sigmas(document)
+        of_class = take_class(document)
         _check_sections(document)
     if not document.data:
         raise ConfigError(document.problems)
@@ -206,6 +213,8 @@ def _load(
         entries=parts.entries,
         reorder_us=parts.reorder_us,
         addresses=files.addresses,
+        sigmas=of_class | sigmas,
+        of_class=tuple(of_class),
         warnings=tuple(problems),
     )
 

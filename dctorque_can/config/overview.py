@@ -71,6 +71,7 @@ def overview(file: str, problems: Sequence[Problem], config: Config | None) -> d
         "errors": errors,
         "warnings": warnings,
         "inputs": [] if config is None else input_rows(config),
+        "of_class": [] if config is None else list(config.of_class),
     }
 
 

@@ -1,4 +1,4 @@
-"""The `vehicle:` section: physical parameters. Nothing here has a default."""
+"""The `vehicle:` section: physical parameters. Nothing here has a default but in a class of cars."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a recording says of a vehicle file."""
+"""A vehicle file made to fit recordings: the most likely parameters, by the Kalman filter's own innovations."""

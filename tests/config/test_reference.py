@@ -76,13 +76,18 @@ def test_every_kind_of_checksum_is_in_the_reference() -> None:
 
 def test_examples_in_the_reference_are_accepted(load) -> None:
     blocks = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
-    assert len(blocks) == 9
+    assert len(blocks) == 10
     database = {"databases.0.file": str(shipped_dbc("demo_car_one_gear"))}
     for block in blocks:
         for key, value in yaml.safe_load(block).items():
             if key == "gears":
                 reverse = {"shaft": 2, "ratio": 3.5, "final_drive": 3.7, "inertia_kgm2": 0.001}
                 assert load(database | {"gears": value, "vehicle.gears.R": reverse}).warnings == ()
+            elif key == "vehicle":
+                others = {
+                    n: {"shaft": 2 - n % 2, "ratio": 4.5 / n, "final_drive": 4.44} for n in (3, 4, 5)
+                }  # of the demo car's bus
+                assert load({"vehicle": value | {"gears": value["gears"] | others}}).warnings == ()
             elif key == "protection":
                 model = TypeAdapter(dict[str, protection.ProtectionSection])
                 assert all(list(part.contradictions()) == [] for part in model.validate_python(value).values())

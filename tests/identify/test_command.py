@@ -1,0 +1,58 @@
+"""`dctorque identify`: from a drive and a file with a class to a file that fits the car."""
+
+import json
+
+import pytest
+
+from tests.identify.conftest import Owned
+
+
+def test_a_drive_and_a_class_make_a_file(dctorque, owned: Owned) -> None:
+    out = owned.owners.parent / "found.yaml"
+    options = ("--log", owned.log, "-o", out, "--what", "delays", "--what", "car", "--json")
+    outcome = dctorque("identify", owned.owners, *options)
+    assert outcome.code == 0, outcome.err
+    result = json.loads(outcome.out)
+    told = {each["key"]: each for each in result["numbers"]}
+    assert told["vehicle.chassis.mass_kg"]["changed"]
+    assert told["vehicle.chassis.mass_kg"]["sigma"] < told["vehicle.chassis.mass_kg"]["before_sigma"]
+    assert result["output"] == str(out)
+    assert result["before"]["nis"].keys() == result["after"]["nis"].keys()
+    assert result["sensitivities"][0]["torques_nm"]
+    assert dctorque("check", out).code == 0
+    again = dctorque("identify", owned.owners, *options)
+    assert again.code == 1
+    assert "exists already" in again.err
+
+
+def test_a_plan_needs_no_recording(dctorque, owned: Owned) -> None:
+    outcome = dctorque("identify", owned.owners, "--plan")
+    assert outcome.code == 0
+    assert "tip-ins" in outcome.out + outcome.err
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "word"),
+    [
+        ((), 2, "--plan"),
+        (("--log", "nothing.mcap"), 1, "nothing.mcap"),
+    ],
+)
+def test_what_is_missing_is_said(dctorque, owned: Owned, options: tuple[str, ...], code: int, word: str) -> None:
+    outcome = dctorque("identify", owned.owners, *options)
+    assert outcome.code == code
+    assert word in outcome.err
+
+
+def test_the_file_itself_stays(dctorque, owned: Owned) -> None:
+    before = owned.owners.read_bytes()
+    outcome = dctorque("identify", owned.owners, "--log", owned.log, "-o", owned.owners, "--force")
+    assert outcome.code == 1
+    assert "is the vehicle file itself" in outcome.err
+    assert owned.owners.read_bytes() == before
+
+
+def test_a_log_of_another_car_is_refused(dctorque, owned: Owned) -> None:
+    outcome = dctorque("identify", "paper_car", "--log", owned.log)
+    assert outcome.code == 1
+    assert "is it a log of this car?" in outcome.err
