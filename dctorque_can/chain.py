@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.bus.decoder import Decoder
+from dctorque_can.clutch_maps.commands import Commands
+from dctorque_can.clutch_maps.maps import ClutchMaps
+from dctorque_can.clutch_maps.rows import CLUTCH_MAP
 from dctorque_can.config.load import Config
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.estimator import FEW, Estimator, warm_up
 from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.samples import Input, Samples
+from dctorque_can.pipeline.settings import Settings
 from dctorque_can.pipeline.smoothing import Smoother
+
+_COMMAND_LAG_S = 1e-3  # of the torque behind a position: none that counts
+NO_MAP_ROWS = np.zeros(0, CLUTCH_MAP)
 
 
 class Chain:
@@ -21,19 +31,37 @@ class Chain:
     Args:
         config: the configuration.
         smooth: remember everything, for `smoothed`.
+        maps: of the clutches, as they were kept; None: they begin anew, if the configuration asks for maps.
+
+    Attributes:
+        maps: of the clutches; None when they are not learned.
+        commands: what kept maps say of the torques; None when that is not used. The maps then learn from estimates
+            of their own that know nothing of it, so that no map confirms itself.
 
     Raises:
         DctorqueError: the configured method cannot be smoothed.
     """
 
-    def __init__(self, config: Config, smooth: bool = False) -> None:
+    def __init__(self, config: Config, smooth: bool = False, maps: ClutchMaps | None = None) -> None:
         self._config = config
+        self.maps: ClutchMaps | None = None
+        self.commands: Commands | None = None
+        self._teacher: Estimator | None = None
+        settings = config.settings
+        if config.clutch_map is not None:
+            self.maps = maps or ClutchMaps(config.clutch_map)
+            self.commands = Commands.of(self.maps) if config.clutch_map.used else None
+        if self.commands is not None:
+            self._teacher = Estimator(settings)
+            settings = _commanded(settings, self.commands)
         self._decoder = Decoder(config.database, config.inputs, config.protections, config.addresses)
-        self._smoother = Smoother(config.settings) if smooth else None
-        self._estimator = self._smoother or Estimator(config.settings)
+        self._smoother = Smoother(settings) if smooth else None
+        self._estimator = self._smoother or Estimator(settings)
         self._feed_few: Callable[[Frames], Estimates] | None = None
-        if isinstance(self._estimator, Estimator):
-            self._feed_few = _through_inbox(self._decoder, self._estimator)
+        if isinstance(self._estimator, Estimator) and self.commands is None:
+            learn = None if config.clutch_map is None else self._learn
+            self._feed_few = _through_inbox(self._decoder, self._estimator, learn)
+        self._map_rows: list[NDArray[np.void]] = []
         self._few = FEW // max(self._decoder.most_per_frame, 1)  # frames, for whose samples there is always room
 
     def warm_up(self) -> None:
@@ -46,7 +74,27 @@ class Chain:
         """Return the estimates that became due with ``frames``."""
         if self._feed_few is not None and len(frames) <= self._few:
             return self._feed_few(frames)
-        return self._estimator.feed(self._decoder.decode(frames))
+        samples = self._decoder.decode(frames)
+        if self.commands is None or self._teacher is None:
+            return self._learn(samples, self._estimator.feed(samples))
+        self._learn(samples, self._teacher.feed(samples))
+        return self._estimator.feed(self.commands.added_to(samples))
+
+    def _learn(self, samples: Samples, estimates: Estimates) -> Estimates:
+        """Let the maps learn from what frames gave, and return the estimates as they are."""
+        if self.maps is not None:
+            rows = self.maps.take(samples, estimates.rows)
+            if len(rows):
+                self._map_rows.append(rows)
+        return estimates
+
+    def map_rows(self) -> NDArray[np.void]:
+        """Return the `CLUTCH_MAP` rows that became due since the last call ``[n]``."""
+        if not self._map_rows:
+            return NO_MAP_ROWS
+        rows = np.concatenate(self._map_rows)
+        self._map_rows.clear()
+        return rows
 
     def smoothed(self, progress: Callable[[float], None] = lambda fraction: None) -> NDArray[np.void]:
         """Return all estimates that `feed` gave once more, smoothed: `ESTIMATE` ``[n]``."""
@@ -60,7 +108,39 @@ class Chain:
         return self._estimator.health
 
 
-def _through_inbox(decoder: Decoder, estimator: Estimator) -> Callable[[Frames], Estimates]:
+def _commanded(settings: Settings, commands: Commands) -> Settings:
+    """Return the settings of an estimator that takes the torques of kept maps as commands."""
+    inputs = tuple(
+        Input(
+            quantity=command.quantity,
+            terms=(),
+            minimum=0.0,
+            maximum=math.inf,
+            timeout_us=command.actuation.timeout_us,
+            delay_us=command.actuation.delay_us,
+        )
+        for command in commands.clutches
+    )
+    kalman = replace(
+        settings.kalman,
+        command_error_share=commands.error_share,
+        command_error_nm=commands.error_nm,
+        command_lag_s=_COMMAND_LAG_S,
+    )
+    return replace(settings, inputs=(*settings.inputs, *inputs), kalman=kalman)
+
+
+def _through_inbox(
+    decoder: Decoder, estimator: Estimator, learn: Callable[[Samples, Estimates], Estimates] | None
+) -> Callable[[Frames], Estimates]:
     """Return what feeds a few frames, as they come live: the decoder writes where the estimator reads."""
-    decode, feed = decoder.into(estimator.inbox), estimator.feed_inbox
-    return lambda frames: feed(decode(frames))
+    inbox = estimator.inbox
+    decode, feed = decoder.into(inbox), estimator.feed_inbox
+    if learn is None:
+        return lambda frames: feed(decode(frames))
+
+    def through(frames: Frames) -> Estimates:
+        n = decode(frames)
+        return learn(inbox[:n], feed(n))
+
+    return through

@@ -24,10 +24,19 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "bus": WORDS,
     "logs": WORDS,
     "simulation": ("driveline", *WORDS, "bus"),
-    "config": ("bus", *WORDS, "pipeline.settings", "driveline", "estimators.methods", *DESIGNS),
-    "chain": ("bus", "pipeline", "config"),
+    "clutch_maps": WORDS,
+    "config": (
+        "bus",
+        "clutch_maps.settings",
+        *WORDS,
+        "pipeline.settings",
+        "driveline",
+        "estimators.methods",
+        *DESIGNS,
+    ),
+    "chain": ("bus", "pipeline", "config", "clutch_maps"),
     "analysis": WORDS,
-    "daemon": ("chain", *WORDS, "bus", "logs", "config", "analysis"),
+    "daemon": ("chain", *WORDS, "bus", "logs", "config", "analysis", "clutch_maps"),
     # What plays onto a bus needs its link; the demo is the service on a simulated car.
     "offline": (
         "chain",
@@ -39,6 +48,8 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "simulation",
         "config",
         "analysis",
+        "clutch_maps",
+        "daemon.kept_maps",
         "daemon.link",
         "daemon.log_plan",
         "daemon.service",
@@ -56,7 +67,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "design": ("driveline", "estimators", *WORDS, "pipeline.settings", "config"),
     "evidence": ("chain", "driveline", *WORDS, "bus", "logs", "config", "analysis", "offline"),
     "identify": ("chain", "driveline", *WORDS, "logs", "config", "analysis", "evidence"),
-    "report": (*WORDS, "analysis", "config", "design", "study", "evidence", "identify"),
+    "report": (*WORDS, "clutch_maps.rows", "analysis", "config", "design", "study", "evidence", "identify"),
     "cli": (
         "driveline",
         "estimators",
@@ -69,6 +80,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "analysis",
         "daemon",
         "design",
+        "clutch_maps",
         "offline",
         "evidence",
         "identify",
@@ -79,7 +91,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 """What each room, or file at the top of the package, may know besides `FOR_ALL`."""
 FOR_ALL = ("compiled", "compiling", "errors", "resources")
 
-CORE = ("driveline", "estimators", "plausibility", "pipeline")
+CORE = ("driveline", "estimators", "plausibility", "pipeline", "clutch_maps")
 CORE_MODULES = {"numpy", "scipy", "numba", NAME}
 CORE_STANDARD_MODULES = {
     "__future__",
@@ -101,6 +113,7 @@ COMPUTES = {"numpy", "scipy", "statistics", "numba"}
 NO_COMPILED_CODE = (
     "analysis",
     "chain.py",
+    "clutch_maps",
     "cli",
     "config",
     "daemon",

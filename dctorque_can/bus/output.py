@@ -55,7 +55,7 @@ class OutputEncoder:
             _CyclicMessage(
                 message,
                 MessageEncoder(message, protections.get(message.name)),
-                _can_id(message, overrides.get(message.name)),
+                arbitration_id(message, overrides.get(message.name)),
             )
             for message in chosen
         ]
@@ -159,7 +159,12 @@ class _CyclicMessage:
         frames.data[first:end, : self._length] = self._encoder.encode_values(values, self._places)
 
 
-def _can_id(message: Message, override: int | None) -> int:
+def arbitration_id(message: Message, override: int | None) -> int:
+    """Return the identifier of a message, or the one that is given instead, with `EXTENDED_ID` for 29 bits.
+
+    Raises:
+        DctorqueError: what is given is no identifier.
+    """
     if override is None:
         return int(message.frame_id) | (EXTENDED_ID if message.is_extended_frame else 0)
     number = override & ~EXTENDED_ID

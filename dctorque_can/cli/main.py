@@ -33,6 +33,7 @@ COMMANDS = (
     "compare",
     "study",
     "check",
+    "clutch-map",
     "identify",
     "design",
     "recover",

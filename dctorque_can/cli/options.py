@@ -55,10 +55,12 @@ DriveChoice = Annotated[
         "judder",
         "friction_fading",
         "touch_point_drift",
+        "friction_drift",
     ],
     typer.Option(
         "--drive",
-        help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 180 s. Others: a manoeuvre.",
+        help="paper: section 4.1 of the paper, 16 s uphill. mixed: traffic, from 180 s. "
+        "friction_drift: the same for 20 min, clutches lose 30 % of their friction. Others: a manoeuvre.",
     ),
 ]
 UnsignedChoice = Annotated[

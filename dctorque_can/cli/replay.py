@@ -46,6 +46,10 @@ def replay(
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Smooth the estimates of the Kalman filter over the whole recording.")
     ] = False,
+    state: Annotated[
+        Path | None,
+        typer.Option("--state", metavar="DIR", help="Begin with the clutch maps that are kept there."),
+    ] = None,
     interface: InterfaceOption = None,
     channel: ChannelOption = None,
     speed: SpeedOption = 1.0,
@@ -69,6 +73,7 @@ def replay(
             from dctorque_can.logs.output_file import refuse_existing
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
+            from dctorque_can.report.clutch_map_lines import map_lines
             from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
         if output is not None:
@@ -82,7 +87,7 @@ def replay(
             tell = playing(loaded.can.arguments(), lambda is_error, text: (fail if is_error else say)(text))
             player = Player(stack.enter_context(tell), speed)
         with progress_bar("replaying") as progress:
-            content = ReplayContent(frames=frames, signals=signals, truth=truth, smooth=smooth)
+            content = ReplayContent(frames=frames, signals=signals, truth=truth, smooth=smooth, state=state)
             result = replay_logs(readers, loaded, ReplayTargets(output, player), content, progress)
     for problem in result.problems:
         warn(problem)
@@ -105,6 +110,8 @@ def replay(
             say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
             say(learned(result.health["engine_torque"]))
         for line in hint_lines(result.health["hints"]):
+            say(line)
+        for line in map_lines(result.clutch_map):
             say(line)
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")

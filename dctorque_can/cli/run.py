@@ -118,6 +118,7 @@ def _tell(is_error: bool, text: str) -> None:
 
 
 def _show(summary: Summary) -> None:
+    from dctorque_can.report.clutch_map_lines import map_lines
     from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
     log = summary.log
@@ -133,6 +134,8 @@ def _show(summary: Summary) -> None:
     for line in finding_lines(summary.health["findings"]):
         say(line)
     for line in hint_lines(summary.health["hints"]):
+        say(line)
+    for line in map_lines(summary.clutch_map):
         say(line)
     several = len(summary.buses) > 1
     for bus in summary.buses:

@@ -9,8 +9,10 @@ from pathlib import Path, PurePath
 import yaml
 from cantools.database.can import Database
 
+from dctorque_can.clutch_maps.settings import MapSettings
 from dctorque_can.config.build import Parts, build_parts
 from dctorque_can.config.buses import output_channel, read_buses
+from dctorque_can.config.clutch_map import ClutchMapSection, StateSection, map_settings
 from dctorque_can.config.databases import DatabaseFiles, Reader
 from dctorque_can.config.document import Document, parse
 from dctorque_can.config.edges import CanSection, LoggingSection, OutputSettings
@@ -34,7 +36,7 @@ SECTIONS = {
     "gears": "where the gears come from: source: signals or ratio",
     "clutch_phase": "what tells whether a clutch is open: source: position, flag or command",
 }
-OPTIONAL_SECTIONS = ("protection", "estimator", "can", "output", "logging")
+OPTIONAL_SECTIONS = ("protection", "estimator", "clutch_map", "state", "can", "output", "logging")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,9 @@ class Config:
         buses: of a live service, at least one; ``arguments()`` of each goes to ``can.Bus``.
         output: the messages that are sent.
         logging: the log.
+        clutch_map: how the maps of the clutches are learned; None: they are not.
+        map_ids: of the messages of the maps, message name to arbitration id, where it is not the DBC's.
+        state: what is kept over a restart.
         documents: vehicle file, DBCs and overrides as they were loaded; `load_documents` reads them again.
         entries: the inputs with their keys, units and periods, for people.
         reorder_us: window within which frames of logs are sorted; None: as their origin asks for.
@@ -67,6 +72,9 @@ class Config:
     buses: tuple[CanSection, ...]
     output: OutputSettings
     logging: LoggingSection
+    clutch_map: MapSettings | None
+    map_ids: dict[str, int]
+    state: StateSection
     documents: dict[str, bytes]
     entries: tuple[InputEntry, ...]
     reorder_us: int | None
@@ -174,9 +182,12 @@ def _load(
     parts = build_parts(document, database, files.addresses)
     buses = read_buses(document)
     logging = validate(document, ("logging",), LoggingSection)
+    learned = validate(document, ("clutch_map",), ClutchMapSection)
+    state = validate(document, ("state",), StateSection)
+    maps = map_settings(document, learned, parts.settings) if learned is not None and parts is not None else None
     output = files.output(database, output_channel(document, buses) if buses else 0)
     problems = sorted(document.without_consequences(), key=problem_order)
-    sound = parts is not None and database is not None and buses and logging and output
+    sound = parts is not None and database is not None and buses and logging and output and learned and state
     if not sound or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
     assert isinstance(parts, Parts)
@@ -184,6 +195,8 @@ def _load(
     assert buses is not None
     assert logging is not None
     assert output is not None
+    assert learned is not None
+    assert state is not None
     return Config(
         path=path,
         name=str(document.data["name"]),
@@ -193,6 +206,9 @@ def _load(
         buses=buses,
         output=output,
         logging=logging,
+        clutch_map=maps,
+        map_ids=dict(learned.ids),
+        state=state,
         documents=documents,
         entries=parts.entries,
         reorder_us=parts.reorder_us,

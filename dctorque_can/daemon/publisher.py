@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.bus.map_output import MapEncoder
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.daemon.link import BusLink
 from dctorque_can.logs.messages import message_from_frame
@@ -25,6 +26,7 @@ class Publisher:
 
     Args:
         encoder: makes the cyclic frames.
+        maps: makes those of the learned maps, if they are sent.
         link: where to.
         tell: is told about a refusal: ``tell(is_error, text)``.
 
@@ -33,10 +35,17 @@ class Publisher:
         refused: those of them that someone else uses.
     """
 
-    def __init__(self, encoder: OutputEncoder, link: BusLink, tell: Callable[[bool, str], None]) -> None:
+    def __init__(
+        self,
+        encoder: OutputEncoder,
+        link: BusLink,
+        tell: Callable[[bool, str], None],
+        maps: MapEncoder | None = None,
+    ) -> None:
         self.refused: set[int] = set()
-        self._encoder = encoder
-        self.can_ids = frozenset(encoder.can_ids.values())
+        self._encoder, self._maps = encoder, maps
+        of_maps = {} if maps is None else maps.can_ids
+        self.can_ids = frozenset([*encoder.can_ids.values(), *of_maps.values()])
         self._link = link
         self._tell = tell
         self._latest_us: int | None = None
@@ -61,9 +70,16 @@ class Publisher:
             shown = f"0x{can_id & ~EXTENDED_ID:X}"
             self._tell(True, f"someone else sends on {shown}: nothing will be sent on it (set output.ids)")
 
+    def renew_maps(self, rows: NDArray[np.void]) -> None:
+        """Take the next `CLUTCH_MAP` rows ``[n]``, to be sent from now on."""
+        if self._maps is not None:
+            self._maps.renew(rows)
+
     def publish(self, rows: NDArray[np.void]) -> Frames:
         """Send what is due after ``rows`` (`ESTIMATE` ``[n]``) and return the frames that the bus took."""
         frames = self._encoder.encode(rows)  # always, so that the counters keep running
+        if self._maps is not None and len(of_maps := self._maps.encode(rows["t_us"])):
+            frames = Frames.concatenate([frames, of_maps]).sorted_by_time()
         if not len(frames) or self._listened_us < LISTEN_US:
             return frames[:0]
         taken = np.zeros(len(frames), np.bool_)

@@ -23,10 +23,12 @@ from dctorque_can.config.edges import CanSection
 from dctorque_can.config.load import Config
 from dctorque_can.daemon import socketcan
 from dctorque_can.daemon.clock_watch import ClockWatch
+from dctorque_can.daemon.kept_maps import MAPS
 from dctorque_can.daemon.link import LinkCounts
 from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogCounts, LogProcess
+from dctorque_can.daemon.map_keeper import MapKeeper
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
 from dctorque_can.daemon.systemd import Systemd
@@ -64,6 +66,7 @@ class Summary:
         buses: each bus: its name, the number of its channel, whether it was open at the end, its counters.
         log: counters of the log, or None without one.
         health: counters of the estimator, see `health_counts`.
+        clutch_map: what was learned of the clutches by the end, None when they are not learned.
     """
 
     seconds: float
@@ -82,6 +85,7 @@ class Summary:
     buses: list[dict[str, Any]]
     log: LogCounts | None
     health: dict[str, Any]
+    clutch_map: dict[str, Any] | None = None
 
     @property
     def complete(self) -> bool:
@@ -125,7 +129,8 @@ class Service:
         self._say = say
         self._patient = patient
         self._news: deque[tuple[bool, str]] = deque()
-        self._chain = Chain(config)
+        self._maps = MapKeeper(config, self._tell)
+        self._chain = Chain(config, maps=self._maps.maps)
         numbers = [bus.number or 0 for bus in config.buses]
         named = map(NamedBus, map(str, config.buses), numbers, connects)
         self._links = BusLinks(list(named), self._tell)
@@ -134,7 +139,7 @@ class Service:
         self._origins = OriginWatch(read_addresses(config.database, config.inputs, config.addresses))
         self._watches_origins = listens
         self._origins_due_s: float | None = None
-        self._log = None if plan is None else LogProcess(plan, config.documents)
+        self._log = None if plan is None else LogProcess(plan, config.documents | self._maps.documents)
         self._recorder: Recorder | None = None
         self._publisher = self._make_publisher()
         self._clock = ClockWatch(config.settings.max_step_back_us, self._tell)
@@ -214,6 +219,9 @@ class Service:
             self._were_up = [link.up for link in self._links.links]
             self._links.close()
             self.finishing = True
+            self._maps.close()
+            if self._maps.maps is not None:
+                self._give_maps(self._maps.last_rows())
             if self._recorder is not None:
                 self._pass_on_news()
                 self._recorder.close()
@@ -235,6 +243,9 @@ class Service:
             self._status.count(estimates.rows["t_us"], estimates.rows["status"])
             if self._transmission is not None:
                 self._transmission.count(estimates.rows)
+        maps = self._chain.map_rows()
+        if len(maps):
+            self._give_maps(maps)
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
             sent = self._publisher.publish(estimates.rows)
@@ -244,6 +255,12 @@ class Service:
             if sent is not None and len(sent) and not self._out_bus.receive_own_messages:
                 sent.channel[:] = self._number
                 self._recorder.frames(sent)
+
+    def _give_maps(self, rows: NDArray[np.void]) -> None:
+        if self._publisher is not None:
+            self._publisher.renew_maps(rows)
+        if self._recorder is not None and self._config.logging.estimates:
+            self._recorder.table(MAPS, rows)
 
     def _mark_own(self, frames: Frames) -> None:
         """Tell our own frames, which come back with ``receive_own_messages`` of their bus, from those of others.
@@ -267,6 +284,7 @@ class Service:
             self._recorder.keep_time(now_s)
             if self._patient:
                 self._recorder.wait_for_room(PATIENT_BYTES)
+        self._maps.keep_time(now_s)
         if self._origins_due_s is not None and now_s >= self._origins_due_s:
             self._origins_due_s = None
             for line in self._origins.news():
@@ -302,7 +320,8 @@ class Service:
     def _make_publisher(self) -> Publisher | None:
         if not self._config.output.enabled:
             return None
-        return Publisher(self._output_encoder(), self._links.links[self._out], self._tell)
+        link = self._links.links[self._out]
+        return Publisher(self._output_encoder(), link, self._tell, self._maps.encoder())
 
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)
@@ -328,4 +347,5 @@ class Service:
             ],
             log=self._log.counts if self._log is not None else None,
             health=health_counts(self._chain.health),
+            clutch_map=self._maps.as_json(),
         )

@@ -21,7 +21,10 @@ from dctorque_can.bus.columns import MessageColumns
 from dctorque_can.bus.layout import bytes_needed
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
+from dctorque_can.clutch_maps.maps import ClutchMaps
+from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config, load_documents
+from dctorque_can.daemon.kept_maps import MAPS, begun, read_state, state_name, state_of
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
@@ -45,12 +48,14 @@ class ReplayContent:
         signals: the decoded signals of every known message.
         truth: the truth of a simulated log; the errors against it are computed.
         smooth: estimates are smoothed: each stands on all logs, also on what comes after it.
+        state: folder with the kept maps to begin from; None: those that travel in the first log.
     """
 
     frames: bool = False
     signals: bool = False
     truth: bool = False
     smooth: bool = False
+    state: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,7 @@ class ReplayResult:
         health: counters of the estimator.
         traffic: what the frames are.
         logs: what each log holds.
+        clutch_map: what was learned of the clutches by the end, `None` when they are not learned.
         errors: against the truth, when that was asked for.
     """
 
@@ -123,6 +129,7 @@ class ReplayResult:
     health: dict[str, Any]
     traffic: Traffic
     logs: list[Held]
+    clutch_map: dict[str, Any] | None
     errors: dict[str, ErrorFigures] | None
 
     def as_json(self) -> dict[str, Any]:
@@ -202,7 +209,8 @@ def replay_logs(
         DctorqueError: the log cannot be written (then what was written until then is removed), there is no
             truth to compare with, or the configured method cannot be smoothed.
     """
-    replay = _Replay(config, targets, content)
+    start = state_of(logs[0].documents) if content.state is None else read_state(content.state, config)
+    replay = _Replay(config, targets, content, start)
     began_s = time.monotonic()
     try:
         with replay:
@@ -219,6 +227,7 @@ def replay_logs(
                 count = replay.traffic.frames - before
                 held.append(Held(str(reader.path), count, reader.unread, order.moved, order.furthest_us))
             replay.smooth(lambda fraction: progress(read + (1.0 - read) * fraction))
+            replay.finish_maps()
             errors = replay.compare(np.concatenate(truth)) if truth else None
     except DctorqueError:
         if targets.log is not None:
@@ -240,6 +249,7 @@ def replay_logs(
         health=replay.health,
         traffic=replay.traffic,
         logs=held,
+        clutch_map=replay.clutch_map,
         errors=errors,
     )
 
@@ -270,7 +280,9 @@ def mapped_messages(config: Config) -> list[MappedMessage]:
 class _Replay:
     """One pass: the chain, its targets, and what went through."""
 
-    def __init__(self, config: Config, targets: ReplayTargets, content: ReplayContent) -> None:
+    def __init__(
+        self, config: Config, targets: ReplayTargets, content: ReplayContent, start: bytes | None
+    ) -> None:
         self.traffic = Traffic(mapped_messages(config))
         self.status = StatusShares()
         self.transmission = TransmissionFigures()
@@ -278,12 +290,20 @@ class _Replay:
         self._config = config
         self._content = content
         self._player = targets.player
-        self._chain = Chain(config, content.smooth)
+        documents = dict(config.documents)
+        maps: ClutchMaps | None = None
+        self._map_start = "new"
+        if config.clutch_map is not None and start is not None:
+            maps, why = begun(start, config)
+            self._map_start = why or "kept"
+            if maps is not None:
+                documents[state_name(config)] = start
+        self._chain = Chain(config, content.smooth, maps)
         self._signals = MessageColumns(config.database, config.addresses) if content.signals else None
         self._encoder = OutputEncoder(config.output.database, config.output.ids) if targets.player else None
         self._rows: list[NDArray[np.void]] = []
         self._waiting: list[tuple[Frames, int, NDArray[np.void]]] = []  # frames, number of estimates, health
-        self._log = None if targets.log is None else _new_log(targets.log, config, content)
+        self._log = None if targets.log is None else _new_log(targets.log, documents, content)
 
     def __enter__(self) -> Self:
         return self
@@ -291,6 +311,13 @@ class _Replay:
     def __exit__(self, *error: object) -> None:
         if self._log is not None:
             self._log.close()
+
+    @property
+    def clutch_map(self) -> dict[str, Any] | None:
+        """What was learned of the clutches by now, and what it began from."""
+        if self._chain.maps is None:
+            return None
+        return {"start": self._map_start, "clutches": maps_json(self._chain.maps.now())}
 
     @property
     def health(self) -> dict[str, Any]:
@@ -307,6 +334,7 @@ class _Replay:
         self.time.take(frames.t_us)
         self.traffic.take(frames)
         estimates = self._chain.feed(frames)
+        self._write_maps(self._chain.map_rows())
         if not self._content.smooth:
             self._give(frames, estimates)
             return
@@ -321,6 +349,11 @@ class _Replay:
         for frames, n, health in self._waiting:
             self._give(frames, Estimates(rows[:n], health))
             rows = rows[n:]
+
+    def finish_maps(self) -> None:
+        """Write what was learned by the end."""
+        if self._chain.maps is not None:
+            self._write_maps(self._chain.maps.now())
 
     def _give(self, frames: Frames, estimates: Estimates) -> None:
         self.status.count(estimates.rows["t_us"], estimates.rows["status"])
@@ -340,6 +373,10 @@ class _Replay:
             write_truth(self._log, truth)
         return compare(np.concatenate([np.zeros(0, ESTIMATE), *self._rows]), truth)
 
+    def _write_maps(self, rows: NDArray[np.void]) -> None:
+        if self._log is not None and len(rows):
+            self._log.write_table(MAPS, rows)
+
     def _write(self, log: McapLog, frames: Frames, estimates: Estimates) -> None:
         if self._content.frames:
             log.write_frames(frames)
@@ -350,6 +387,6 @@ class _Replay:
         log.write_table(HEALTH, estimates.health)
 
 
-def _new_log(path: Path, config: Config, content: ReplayContent) -> McapLog:
+def _new_log(path: Path, documents: Mapping[str, bytes], content: ReplayContent) -> McapLog:
     words = {"estimates": {"smoothed": "each stands on the whole recording"}} if content.smooth else None
-    return McapLog(path, documents=config.documents, metadata=words)
+    return McapLog(path, documents=documents, metadata=words)

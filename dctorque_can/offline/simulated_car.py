@@ -19,7 +19,7 @@ from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.offline.truth_log import shifted, truth_path, write_truth
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.simulation.drive import PAPER, Drive, mixed_drive, simulate
-from dctorque_can.simulation.manoeuvres import MANOEUVRES
+from dctorque_can.simulation.manoeuvres import MANOEUVRES, friction_drift
 from dctorque_can.simulation.messages import COLUMNS
 from dctorque_can.simulation.own_bus import own_bus
 from dctorque_can.simulation.sensors import (
@@ -34,7 +34,7 @@ from dctorque_can.simulation.sensors import (
 )
 
 START_US = 1_704_067_200_000_000  # 2024-01-01T00:00:00Z: the same seed gives the same file
-MIXED_S = 360.0
+MIXED_S, FRICTION_DRIFT_S = 360.0, 1200.0
 SIMULATION = "simulation"
 """Metadata of a log of the simulated car; the configuration beside it is that of the car."""
 _AXLES: dict[DrivenAxle, Literal["front", "rear", "all"]] = {
@@ -66,6 +66,7 @@ class DriveName(StrEnum):
     JUDDER = "judder"
     FRICTION_FADING = "friction_fading"
     TOUCH_POINT_DRIFT = "touch_point_drift"
+    FRICTION_DRIFT = "friction_drift"
 
 
 class ProfileName(StrEnum):
@@ -233,6 +234,8 @@ def drive_of(config: Config, name: DriveName, seed: int, duration_s: float | Non
     vehicle = config.settings.vehicle
     if name is DriveName.MIXED:
         return mixed_drive(vehicle, seed, duration_s or MIXED_S)
+    if name is DriveName.FRICTION_DRIFT:
+        return friction_drift(mixed_drive(vehicle, seed, duration_s or FRICTION_DRIFT_S))
     drive = PAPER if name is DriveName.PAPER else MANOEUVRES[name](vehicle)
     return drive if duration_s is None else replace(drive, duration_s=duration_s)
 

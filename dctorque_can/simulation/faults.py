@@ -25,6 +25,7 @@ class Faults:
         fading: share of its friction that a clutch has lost once it stores `Powertrain.clutch_fading_heat_j`.
         kissing_point_mm: by how much the kissing point of clutch 1 has moved; negative: it touches earlier. The
             gearbox control has not learned it.
+        friction: of the friction of both clutches, what time has left of it.
         overlap_nm: capacity that both clutches are given at least while a shift hands over and synchronises.
         synchroniser_nm: torque of every cone on its input shaft, however little it has to do; 0: as it needs.
     """
@@ -33,6 +34,7 @@ class Faults:
     judder_hz: tuple[float, float] = (10.0, 10.0)
     fading: float = 0.0
     kissing_point_mm: Knots = ((0.0, 0.0),)
+    friction: Knots = ((0.0, 1.0),)
     overlap_nm: Knots = ((0.0, 0.0),)
     synchroniser_nm: float = 0.0
 
@@ -48,11 +50,11 @@ class Faults:
 
     def over(self, t: Floats, right: Floats) -> Disturbances:
         """Return what happens at the times ``t`` ``[n]`` in s, beside the friction of the right driven tyre."""
-        factor = np.ones((len(t), 2))
+        factor = np.ones((len(t), 2)) * sampled(self.friction, t)[:, None]
         if self.judder > 0.0:
             first, last = self.judder_hz
             turns = first * t + 0.5 * (last - first) * t**2 / max(t[-1], 1e-3)
-            factor += self.judder * np.sin(2.0 * pi * turns)[:, None]
+            factor *= 1.0 + self.judder * np.sin(2.0 * pi * turns)[:, None]
         shift = np.zeros((len(t), 2))
         shift[:, 0] = sampled(self.kissing_point_mm, t)
         return Disturbances(factor, shift, sampled(self.overlap_nm, t), right)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import pi, sin
 from typing import Final
 
@@ -241,6 +242,12 @@ def touch_point_drift(vehicle: Vehicle) -> Drive:
     again = ((58.0, 0.0), (61.0, 0.0), (68.0, 9.0), (70.0, 9.0))
     moved = ((5.0, 0.0), (60.0, -0.7))
     return Drive("touch_point_drift", 70.0, speed_m_s=speed + again, faults=Faults(kissing_point_mm=moved))
+
+
+def friction_drift(drive: Drive) -> Drive:
+    """Return a drive on which the friction of both clutches falls steadily, by 30 % until the end."""
+    worn = ((0.0, 1.0), (drive.duration_s, 0.7))
+    return replace(drive, name="friction_drift", faults=replace(drive.faults, friction=worn))
 
 
 MANOEUVRES: Final[dict[str, Callable[[Vehicle], Drive]]] = {

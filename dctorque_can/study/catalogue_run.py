@@ -120,7 +120,7 @@ class CatalogueBench:
     def _driven(self, case: Case, config: Config, values: Mapping[str, float]) -> tuple[Frames, NDArray[np.void]]:
         setup = self._setup
         nominal = config.settings.vehicle
-        length = MIXED_S if case.drive is DriveName.MIXED else None
+        length = MIXED_S if case.drive in (DriveName.MIXED, DriveName.FRICTION_DRIFT) else None
         car = varied(
             Car(
                 vehicle=nominal,

@@ -386,4 +386,4 @@ def test_systemd_is_told_ready_alive_and_stopping(
 def test_every_manoeuvre_can_be_asked_for():
     """`cli` may not import what it would take the names from."""
     choices, _ = get_args(DriveChoice)
-    assert get_args(choices) == tuple(DriveName) == ("paper", "mixed", *MANOEUVRES)
+    assert get_args(choices) == tuple(DriveName) == ("paper", "mixed", *MANOEUVRES, "friction_drift")

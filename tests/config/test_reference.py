@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from dctorque_can.bus.checksum_kinds import KINDS
 from dctorque_can.bus.protection import CRC_KINDS
 from dctorque_can.bus.vw_mqb import DATA_IDS
-from dctorque_can.config import edges, estimation, inputs, protection, signals, vehicle
+from dctorque_can.config import clutch_map, edges, estimation, inputs, protection, signals, vehicle
 from dctorque_can.config.descriptions import field_descriptions
 from dctorque_can.config.load import OPTIONAL_SECTIONS, SECTIONS
 from dctorque_can.config.section import Section
@@ -21,7 +21,7 @@ from dctorque_can.resources import shipped_dbc
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "configuration.md").read_text()
 MODELS = [
     model
-    for module in (vehicle, signals, inputs, protection, estimation, edges)
+    for module in (vehicle, signals, inputs, protection, estimation, clutch_map, edges)
     for model in vars(module).values()
     if isinstance(model, type) and issubclass(model, Section) and model.__module__ == module.__name__
 ]

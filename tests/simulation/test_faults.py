@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dctorque_can.driveline.parameters import Vehicle
-from dctorque_can.simulation.drive import simulate
-from dctorque_can.simulation.manoeuvres import MANOEUVRES
+from dctorque_can.simulation.drive import mixed_drive, simulate
+from dctorque_can.simulation.manoeuvres import MANOEUVRES, friction_drift
 
 from .driven import LOCKED, OPEN, SLIPPING, Rows, driven, part, seconds, speed
 
@@ -128,3 +128,13 @@ def test_a_synchroniser_overcomes_the_drag_of_its_clutch(paper_vehicle: Vehicle)
         changing = np.flatnonzero(np.diff(np.concatenate([[0], truth[f"changing{i}"].astype(int), [0]])))
         assert np.ptp(changing.reshape(-1, 2), axis=1).max() < 700  # ms
         assert not np.any((truth[f"gear{i}"] == 0) & (truth[f"phase{i}"] == LOCKED))
+
+
+def test_friction_drift(avante_vehicle: Vehicle) -> None:
+    """Both clutches lose 30 % of their friction until the end, steadily."""
+    drive = friction_drift(mixed_drive(avante_vehicle, 1, 180.0))
+    truth = simulate(avante_vehicle, replace(drive, duration_s=60.0))
+    for i in (1, 2):
+        left = 1.0 - 0.3 * seconds(truth)[truth[f"clutch{i}_capacity_nm"] > 20.0] / 180.0
+        np.testing.assert_allclose(shown(truth, avante_vehicle, i)[0], left, atol=1e-3)
+    assert np.ptp(left) > 0.05
