@@ -1,0 +1,109 @@
+"""What the raw values of a gear signal mean: by its value table, or by the ratio of engine to wheels in a log."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dctorque_can.starter.catalogue import Entry, says_no_value
+from dctorque_can.starter.motion import Floats, Mask
+from dctorque_can.starter.words import plain
+
+NEUTRAL, REVERSE = 0, -1
+_ORDINALS = (
+    ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth"),
+    ("erst", "zweit", "dritt", "viert", "fuenft", "sechst", "siebt", "acht", "neunt", "zehnt"),
+    ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"),
+)
+_NEUTRAL = re.compile(r"\b(n|p|neutral|park|parking|leerlauf|no gear|kein gang|idle|np|p n|n p|nogear)\b")
+_CHANGING = re.compile(r"chang|in progress|shifting|wechsel|schalt|transition|intermediate|between")
+_REVERSE = re.compile(r"\b(r|rev|reverse|rueckwaerts\w*|backward|rg|reversegear|marche arriere|r gang)\b|rueckwaerts|reverse")
+_FORWARD = re.compile(r"(?<![\d.])(?:gear|gang|g|d|m|s)?[ _]?0?(1[0-5]|[1-9])(?:st|nd|rd|th)?(?![\d.])")
+_SHORTEST_STEPS = 20
+_TIGHT, _APART = 0.03, 0.05
+
+
+def gear_of_text(text: str) -> int | None:
+    """Return the gear that a text of a value table means: a number, 0 neutral, -1 reverse; None for none."""
+    flat = re.sub(r"[_/\-]+", " ", plain(text).lower()).strip()
+    if says_no_value(text):
+        return None
+    if _REVERSE.search(flat):
+        return REVERSE
+    for names in _ORDINALS:
+        for number, name in enumerate(names, 1):
+            if re.search(rf"\b{name}(er|e|en|s)?\b", flat):
+                return number
+    if found := _FORWARD.search(flat):
+        return int(found.group(1))
+    if _NEUTRAL.search(flat) or _CHANGING.search(flat):
+        return NEUTRAL
+    return NEUTRAL if flat == "0" else None
+
+
+def gears_of_table(entry: Entry) -> dict[int, int]:
+    """Return the gears that a value table names, by raw value; {} where it does not name two forward ones."""
+    found = {raw: gear for raw, text in entry.choices.items() if (gear := gear_of_text(text)) is not None}
+    forward = [gear for gear in found.values() if gear > 0]
+    return found if len(forward) >= 2 and len(set(forward)) == len(forward) else {}
+
+
+@dataclass(frozen=True)
+class RatioByValue:
+    """The ratio of engine to wheels at each raw value of a signal.
+
+    Attributes:
+        ratios: by raw value that came with one lasting ratio.
+        fits: share of the lasting ratios that are within 3 % of that of their value.
+    """
+
+    ratios: Mapping[int, float]
+    fits: float
+
+    @property
+    def tells_gears(self) -> bool:
+        """Whether there are two values at least, each with a ratio of its own."""
+        ordered = sorted(self.ratios.values())
+        apart = all(b > (1.0 + _APART) * a for a, b in zip(ordered, ordered[1:], strict=False))
+        return len(ordered) >= 2 and apart and self.fits > 0.8
+
+
+def ratio_by_value(raw: Floats, ratio: Floats, locked: Mask) -> RatioByValue:
+    """Return which ratio each raw value (``[n]``, NaN where none) goes with while a clutch holds."""
+    usable = locked & np.isfinite(raw) & np.isfinite(ratio)
+    ratios: dict[int, float] = {}
+    fitting = 0
+    for value in np.unique(raw[usable]):
+        own = ratio[usable & (raw == value)]
+        if len(own) < _SHORTEST_STEPS:
+            continue
+        usual = float(np.median(own))
+        near = np.abs(own - usual) < _TIGHT * usual
+        fitting += int(near.sum())
+        if near.mean() > 0.6:
+            ratios[int(value)] = usual
+    return RatioByValue(ratios, fitting / max(int(usable.sum()), 1))
+
+
+def gears_of_ratios(entry: Entry, ratios: Mapping[int, float]) -> tuple[dict[int, int], str]:
+    """Return gears by raw value without a value table, and why; {} where the ratios do not say it.
+
+    The ratios must fall while the physical value rises: then that is the number of the gear.
+    """
+    physical = {raw: entry.layout.scale * raw + entry.layout.offset for raw in ratios}
+    numbers = {raw: round(value) for raw, value in physical.items()}
+    order = sorted(numbers, key=lambda raw: numbers[raw])
+    falls = all(ratios[a] > ratios[b] for a, b in zip(order, order[1:], strict=False))
+    whole = all(abs(physical[raw] - numbers[raw]) < 1e-6 and 1 <= numbers[raw] <= 10 for raw in order)
+    if not (falls and whole and len(order) >= 2):
+        return {}, ""
+    first, last = entry.layout.raw_range
+    values = {raw: numbers[raw] for raw in order}
+    zero = round((0.0 - entry.layout.offset) / entry.layout.scale)
+    if first <= zero <= last and zero not in values:
+        values[zero] = NEUTRAL
+    listed = ", ".join(f"{numbers[raw]}: {ratios[raw]:.2f}" for raw in order)
+    return dict(sorted(values.items())), f"no value table; its value rises as the ratio to the wheels falls ({listed})"

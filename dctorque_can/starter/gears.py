@@ -1,0 +1,274 @@
+"""Gear signals: actual and target of a gearbox, or one for each shaft, and the flag of a shift."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dctorque_can.config.units import Dimension
+from dctorque_can.starter.catalogue import Entry
+from dctorque_can.starter.gear_values import RatioByValue, gears_of_ratios, gears_of_table, ratio_by_value
+from dctorque_can.starter.material import Material, open_verdict
+from dctorque_can.starter.motion import STEP_S, Floats
+from dctorque_can.starter.naming import Rule
+from dctorque_can.starter.proposal import Candidate, Gap, Level, Proposal, Verdict, chosen
+from dctorque_can.starter.torques import Locked
+from dctorque_can.starter.words import Word, number_of
+
+_NO_GEAR = frozenset(
+    {
+        *(Word.LEVER, Word.LIMIT, Word.RATIO, Word.SHIFT, Word.TORQUE, Word.SPEED, Word.ACCELERATION, Word.DIRECTION),
+        *(Word.PRESSURE, Word.PEDAL, Word.BRAKE, Word.WHEEL, Word.STEERING, Word.ACCESSORY, Word.PARKING, Word.LIGHT),
+    }
+)
+ACTUAL = Rule(
+    Dimension.AS_IS,
+    needs=[(frozenset({Word.GEAR}), 2.0)],
+    likes=frozenset({Word.ACTUAL}),
+    against=(_NO_GEAR - {Word.SPEED}) | {Word.TARGET, Word.DISPLAY, Word.DRIVER, Word.INTERVENTION},
+    bits=(3, 8),
+)
+TARGET = Rule(
+    Dimension.AS_IS,
+    needs=[(frozenset({Word.GEAR}), 1.5), (frozenset({Word.TARGET}), 1.5)],
+    against=(_NO_GEAR - {Word.SPEED}) | {Word.DISPLAY, Word.DRIVER},
+    bits=(3, 8),
+)
+SHIFTING = Rule(
+    Dimension.AS_IS,
+    needs=[(frozenset({Word.SHIFT}), 2.0), (frozenset({Word.ACTIVE, Word.GEAR, Word.STATE, Word.SHIFT}), 0.5)],
+    against=frozenset({Word.LEVER, Word.TARGET, Word.LIMIT, Word.DISPLAY, Word.DRIVER, Word.LIGHT, Word.SHAFT, Word.TORQUE}),
+    bits=(1, 3),
+)
+_NEAR_STEPS, _AHEAD_S, _WITHIN_S = 25, 0.1, 3.0
+
+
+@dataclass(frozen=True)
+class GearFindings:
+    """The gears, as they stand in a vehicle file.
+
+    Attributes:
+        source: "gearbox", "signals", or "" where no gear signal was found.
+        found: proposals for ``gears.actual``, ``gears.target``, ``gears.shaft1``, … ; gaps of what is needed.
+        gear: the gear that drives, on the grid: by the actual gear, NaN where not known; None without.
+        ratios: total ratio of engine to wheels by gear, as far as the log shows it.
+    """
+
+    source: str
+    found: list[Proposal | Gap]
+    gear: Floats | None
+    ratios: dict[int, float]
+
+
+def find_gears(material: Material, locked: Locked | None) -> GearFindings:
+    """Return what tells the gears.
+
+    Args:
+        material: signals and log.
+        locked: where a clutch holds, with the ratio of engine to wheels; None where the log does not show it.
+    """
+    judge = _Judge(material, locked)
+    both = _of_shafts(material, judge)
+    if both:
+        return GearFindings("signals", list(both), None, {})
+    actual = [judge.judged(c) for c in material.candidates(ACTUAL)]
+    target = [judge.judged(c) for c in material.candidates(TARGET)]
+    proposal = _chosen(material, judge, "gears.actual", actual)
+    others = [c for c in target if proposal is None or c.entry.name != proposal.entry.name]
+    wanted = _chosen(material, judge, "gears.target", others)
+    if proposal is None and wanted is not None:
+        why = "no signal of the actual gear was found: the target gear stands in"
+        proposal = replace(wanted, key="gears.actual", level="guess", merit=0.5, why=(*wanted.why, why))
+        wanted = None
+    if proposal is None:
+        return GearFindings("", [Gap("gears.actual", "no signal is called a gear", True)], None, {})
+    if wanted is not None:
+        proposal, wanted = _who_leads(material, judge, proposal, wanted)
+    found: list[Proposal | Gap] = [proposal, wanted or Gap("gears.target", "no signal is called a target gear", False)]
+    gear = judge.gears(proposal.entry) if material.lives(proposal.entry) else None
+    found.append(_shifting(material, gear))
+    values = judge.values(proposal.entry)[0]
+    ratios = {values[raw]: ratio for raw, ratio in judge.ratio(proposal.entry).ratios.items() if values.get(raw, 0) > 0}
+    return GearFindings("gearbox", found, gear, dict(sorted(ratios.items())))
+
+
+def _chosen(material: Material, judge: _Judge, key: str, candidates: list[Candidate]) -> Proposal | None:
+    proposal = chosen(key, candidates, with_log=material.recording is not None)
+    if proposal is None:
+        return None
+    values, why = judge.values(proposal.entry)
+    level: Level = proposal.level
+    if not values:
+        level = "guess" if level == "guess" else "likely"
+    return replace(proposal, level=level, why=(*proposal.why, why), fields={"values": values or None})
+
+
+class _Judge:
+    """What a log says of gear signals."""
+
+    def __init__(self, material: Material, locked: Locked | None) -> None:
+        self._material, self._locked = material, locked
+        self._ratios: dict[str, RatioByValue] = {}
+
+    def raw(self, entry: Entry) -> Floats:
+        """Return the raw values of a signal on the grid."""
+        assert self._material.recording is not None
+        return np.round((self._material.recording.on_grid(entry) - entry.layout.offset) / entry.layout.scale)
+
+    def ratio(self, entry: Entry) -> RatioByValue:
+        """Return which ratio each raw value goes with."""
+        if self._locked is None or not self._material.lives(entry):
+            return RatioByValue({}, 0.0)
+        if entry.name not in self._ratios:
+            self._ratios[entry.name] = ratio_by_value(self.raw(entry), self._locked.ratio, self._locked.where)
+        return self._ratios[entry.name]
+
+    def judged(self, candidate: Candidate) -> Candidate:
+        """Return a candidate with what the log says."""
+        if self._material.recording is None or not open_verdict(candidate):
+            return candidate
+        if self._locked is None:
+            return replace(candidate, verdict=Verdict("nothing", "the log shows no driving to hold it against"))
+        by_value = self.ratio(candidate.entry)
+        if by_value.tells_gears:
+            why = f"the log: each of {len(by_value.ratios)} values goes with one ratio of engine to wheels"
+            return replace(candidate, verdict=Verdict("agrees", why))
+        if len(by_value.ratios) >= 2 or by_value.fits < 0.5:
+            why = "the log: its values do not go with the ratios of engine to wheels"
+            return replace(candidate, verdict=Verdict("contradicts", why))
+        return replace(candidate, verdict=Verdict("nothing", "the log shows too few gears"))
+
+    def values(self, entry: Entry) -> tuple[dict[int, int], str]:
+        """Return the gears by raw value, and why; {} where neither table nor log tell them."""
+        if table := gears_of_table(entry):
+            return table, "values: by its value table"
+        found, why = gears_of_ratios(entry, self.ratio(entry).ratios)
+        return (found, f"values: {why}") if found else ({}, "values: a gap, neither table nor log tell them")
+
+    def gears(self, entry: Entry) -> Floats:
+        """Return the gear on the grid; NaN where the value means none."""
+        raw = self.raw(entry)
+        result = np.full(len(raw), np.nan)
+        for value, gear in self.values(entry)[0].items():
+            result[raw == value] = gear
+        return result
+
+
+def _of_shafts(material: Material, judge: _Judge) -> list[Proposal]:
+    """Return a gear signal for each shaft, if there are two such names."""
+    candidates = [c for c in material.candidates(ACTUAL) if c.verdict.says not in ("absent", "contradicts")]
+    found = []
+    for n in (1, 2):
+        mine = [c for c in candidates if number_of(c.entry.signal.name) == n and _about_a_shaft(c.entry)]
+        judged = [replace(c, verdict=_shaft_gear_verdict(material, judge, c.entry)) for c in mine]
+        proposal = _chosen(material, judge, f"gears.shaft{n}", judged)
+        if proposal is None:
+            return []
+        found.append(proposal)
+    return _by_parity(judge, found)
+
+
+def _about_a_shaft(entry: Entry) -> bool:
+    return bool({Word.SHAFT, Word.CLUTCH, Word.INPUT} & entry.own) or number_of(entry.signal.name) > 0
+
+
+def _shaft_gear_verdict(material: Material, judge: _Judge, entry: Entry) -> Verdict:
+    if material.recording is None:
+        return Verdict("nothing")
+    values = judge.values(entry)[0]
+    seen = {values[raw] for raw in material.recording.raw_values(entry) if values.get(raw, 0) > 0}
+    if len(seen) < 2:
+        return Verdict("nothing", "the log shows too few gears of it")
+    if len({gear % 2 for gear in seen}) == 1:
+        return Verdict("agrees", f"the log: gears {', '.join(map(str, sorted(seen)))} alone", 1.0)
+    return Verdict("contradicts", "the log: odd and even gears, as of a whole gearbox")
+
+
+def _by_parity(judge: _Judge, found: list[Proposal]) -> list[Proposal]:
+    """Return both; doubtful where shaft 1 is told to have the even gears."""
+    first = [gear for gear in judge.values(found[0].entry)[0].values() if gear > 0]
+    if first and all(gear % 2 == 0 for gear in first):
+        why = "the even gears are on the shaft that is called 1: is the numbering another one?"
+        return [replace(p, level="likely", why=(*p.why, why)) for p in found]
+    return found
+
+
+def _who_leads(
+    material: Material, judge: _Judge, actual: Proposal, target: Proposal
+) -> tuple[Proposal, Proposal]:
+    """Return actual and target gear; doubtful where the log has the target follow the actual one."""
+    if not (material.lives(actual.entry) and material.lives(target.entry)):
+        return actual, target
+    lead_s = _lead_s(judge.gears(target.entry), judge.gears(actual.entry))
+    if not np.isfinite(lead_s):
+        return actual, target
+    if lead_s > -_AHEAD_S:
+        return actual, replace(target, why=(*target.why, f"the log: {max(lead_s, 0.0):.1f} s ahead of the actual gear"))
+    why = f"the log: {actual.entry.name} changes {-lead_s:.1f} s before {target.entry.name}: is it the target?"
+    lower: Level = "likely"
+    return (
+        replace(actual, level=lower if actual.level == "sure" else actual.level, why=(*actual.why, why)),
+        replace(target, level=lower if target.level == "sure" else target.level, why=(*target.why, why)),
+    )
+
+
+def _lead_s(first: Floats, second: Floats) -> float:
+    """Return by how much the first of two gears changes earlier, seconds; the median, NaN with fewer than three."""
+    changes = [_changes(gear) for gear in (first, second)]
+    ahead = []
+    for at, gear in changes[0]:
+        near = [(other - at) * STEP_S for other, g in changes[1] if g == gear and abs(other - at) * STEP_S < _WITHIN_S]
+        if near:
+            ahead.append(min(near, key=abs))
+    return float(np.median(ahead)) if len(ahead) >= 3 else float("nan")
+
+
+def _changes(gear: Floats) -> list[tuple[int, float]]:
+    """Return when a forward gear begins, and which."""
+    known = np.where(gear > 0, gear, np.nan)
+    rows = np.flatnonzero(np.isfinite(known))
+    values = known[rows]
+    new = np.flatnonzero(np.diff(values) != 0) + 1
+    return [(int(rows[k]), float(values[k])) for k in new]
+
+
+def _shifting(material: Material, gear: Floats | None) -> Proposal | Gap:
+    """Return the flag that says that a shift is in progress."""
+    key = "gears.shift_in_progress"
+    judged = [_flag_judged(material, c, gear) for c in material.candidates(SHIFTING)]
+    proposal = chosen(key, judged, with_log=material.recording is not None)
+    if proposal is None:
+        return Gap(key, "no signal is called a shift in progress", False)
+    entry = proposal.entry
+    idle = _usual_raw(material, entry)
+    first, last = entry.layout.raw_range
+    values = {raw: "no" if raw == idle else "yes" for raw in range(first, last + 1) if raw not in entry.no_value}
+    return replace(proposal, fields={"values": values})
+
+
+def _usual_raw(material: Material, entry: Entry) -> int:
+    if material.recording is None or not material.recording.has(entry):
+        return 0
+    counts = material.recording.raw_values(entry)
+    return max(counts, key=lambda raw: counts[raw], default=0)
+
+
+def _flag_judged(material: Material, candidate: Candidate, gear: Floats | None) -> Candidate:
+    if material.recording is None or not open_verdict(candidate):
+        return candidate
+    if gear is None:
+        return replace(candidate, verdict=Verdict("nothing", "the log shows no gears to hold it against"))
+    values = material.recording.on_grid(candidate.entry)
+    usual = _usual_raw(material, candidate.entry) * candidate.entry.layout.scale + candidate.entry.layout.offset
+    on = np.isfinite(values) & (values != usual)
+    changes = [at for at, _ in _changes(gear)]
+    if len(changes) < 3:
+        return replace(candidate, verdict=Verdict("nothing", "the log shows too few shifts"))
+    hit = float(np.mean([on[max(at - _NEAR_STEPS, 0) : at + _NEAR_STEPS].any() for at in changes]))
+    share = float(on.mean())
+    if hit > 0.8 and share < 0.4:
+        return replace(candidate, verdict=Verdict("agrees", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"))
+    return replace(candidate, verdict=Verdict("contradicts", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"))
+
+
