@@ -14,7 +14,7 @@ from dctorque_can.starter.catalogue import NOMINAL_RADIUS_M, Entry
 from dctorque_can.starter.material import Material, open_verdict
 from dctorque_can.starter.motion import STEP_S, Floats, Motion, correlation
 from dctorque_can.starter.naming import Rule
-from dctorque_can.starter.proposal import Candidate, Gap, Proposal, Verdict, chosen
+from dctorque_can.starter.proposal import Candidate, Gap, Proposal, Verdict, chosen, gap
 from dctorque_can.starter.words import Word, plain, wheel_of
 
 BRAKE = Rule(
@@ -57,8 +57,8 @@ _WAYS = {
 def find_brake(material: Material, motion: Motion | None) -> Proposal | Gap:
     """Return a measure of braking."""
     candidates = [_brake_judged(material, c, motion) for c in material.candidates(BRAKE) if not wheel_of(c.entry.signal.name)]
-    return chosen("inputs.brake", candidates, with_log=material.recording is not None) or Gap(
-        "inputs.brake", "no signal is called a brake", False
+    return chosen("inputs.brake", candidates, with_log=material.recording is not None) or gap(
+        "inputs.brake", "no measure of braking was found", candidates
     )
 
 
@@ -92,8 +92,8 @@ def find_acceleration(material: Material, motion: Motion | None) -> Proposal | G
         if Word.LATERAL in each.entry.own:
             continue
         candidates.append(_acceleration_judged(material, each, motion))
-    return chosen("inputs.acceleration", candidates, with_log=material.recording is not None) or Gap(
-        "inputs.acceleration", "no signal is called a longitudinal acceleration, in m/s² or g", False
+    return chosen("inputs.acceleration", candidates, with_log=material.recording is not None) or gap(
+        "inputs.acceleration", "no longitudinal acceleration was found, in m/s² or g", candidates
     )
 
 
@@ -117,8 +117,8 @@ def _acceleration_judged(material: Material, candidate: Candidate, motion: Motio
 def find_grade(material: Material, motion: Motion | None, acceleration: Proposal | Gap) -> Proposal | Gap:
     """Return the inclination of the road."""
     candidates = [_grade_judged(material, c, motion, acceleration) for c in material.candidates(GRADE)]
-    return chosen("inputs.grade", candidates, with_log=material.recording is not None) or Gap(
-        "inputs.grade", "no signal is called a grade of the road, in rad, deg or %", False
+    return chosen("inputs.grade", candidates, with_log=material.recording is not None) or gap(
+        "inputs.grade", "no grade of the road was found, in rad, deg or %", candidates
     )
 
 
@@ -150,7 +150,7 @@ def find_direction(material: Material, motion: Motion | None) -> Proposal | Gap:
             candidates.append(_direction_judged(material, each, table, motion))
     proposal = chosen(key, candidates, with_log=material.recording is not None, at_most="likely")
     if proposal is None:
-        return Gap(key, "no signal has a value table with forward and backward", False)
+        return gap(key, "no signal was found whose value table has forward and backward", candidates)
     wheels = _of_each_wheel(proposal.entry, [c.entry for c in candidates])
     fields: dict[str, object] = {"values": values[proposal.entry.name]}
     if wheels:

@@ -23,6 +23,7 @@ _CHANGING = re.compile(r"chang|in progress|shifting|wechsel|schalt|transition|in
 _REVERSE = re.compile(r"\b(r|rev|reverse|rueckwaerts\w*|backward|rg|reversegear|marche arriere|r gang)\b|rueckwaerts|reverse")
 _FORWARD = re.compile(r"(?<![\d.])(?:gear|gang|g|d|m|s)?[ _]?0?(1[0-5]|[1-9])(?:st|nd|rd|th)?(?![\d.])")
 _SHORTEST_STEPS = 20
+_AFTER_STEPS, _LATE_STEPS = 10, 25  # of 20 ms
 _TIGHT, _APART = 0.03, 0.05
 
 
@@ -49,6 +50,12 @@ def gears_of_table(entry: Entry) -> dict[int, int]:
     found = {raw: gear for raw, text in entry.choices.items() if (gear := gear_of_text(text)) is not None}
     forward = [gear for gear in found.values() if gear > 0]
     return found if len(forward) >= 2 and len(set(forward)) == len(forward) else {}
+
+
+def special_of_table(entry: Entry) -> dict[int, int]:
+    """Return neutral and reverse as a value table names them that has no forward gears: ``0 "P" 1 "D" 14 "R"``."""
+    found = {raw: gear for raw, text in entry.choices.items() if (gear := gear_of_text(text)) is not None}
+    return {raw: gear for raw, gear in found.items() if gear in (NEUTRAL, REVERSE)}
 
 
 @dataclass(frozen=True)
@@ -107,3 +114,26 @@ def gears_of_ratios(entry: Entry, ratios: Mapping[int, float]) -> tuple[dict[int
         values[zero] = NEUTRAL
     listed = ", ".join(f"{numbers[raw]}: {ratios[raw]:.2f}" for raw in order)
     return dict(sorted(values.items())), f"no value table; its value rises as the ratio to the wheels falls ({listed})"
+
+
+def gears_reached(raw: Floats, gear: Floats) -> tuple[dict[int, int], float]:
+    """Return to which actual gear each raw value of a target leads, and in which share of the cases.
+
+    A target may be told from the shift on, or long before as the gear that is preselected. So it counts what the
+    actual gear became last before the target changed, or just after.
+
+    Args:
+        raw: of the target on the grid, NaN where none.
+        gear: actual one on the grid, NaN where not known.
+    """
+    begins = np.flatnonzero(np.isfinite(raw) & (raw != np.roll(raw, 1)))
+    comes = np.flatnonzero(np.isfinite(gear) & (gear > 0) & (gear != np.roll(gear, 1)))
+    reached: dict[int, list[int]] = {}
+    for first, end in zip(begins, [*begins[1:], len(raw)], strict=True):
+        inside = comes[(comes > first + _AFTER_STEPS) & (comes <= end + _LATE_STEPS)]
+        if len(inside):
+            reached.setdefault(int(raw[first]), []).append(int(gear[inside[-1]]))
+    found = {value: max(sorted(set(each)), key=each.count) for value, each in reached.items()}
+    cases = [(value, each) for value, several in reached.items() for each in several]
+    share = sum(found[value] == each for value, each in cases) / len(cases) if cases else 0.0
+    return (found, share) if len(set(found.values())) == len(found) else ({}, share)

@@ -8,11 +8,18 @@ import numpy as np
 
 from dctorque_can.config.units import Dimension
 from dctorque_can.starter.catalogue import Entry
-from dctorque_can.starter.gear_values import RatioByValue, gears_of_ratios, gears_of_table, ratio_by_value
+from dctorque_can.starter.gear_values import (
+    RatioByValue,
+    gears_of_ratios,
+    gears_of_table,
+    gears_reached,
+    ratio_by_value,
+    special_of_table,
+)
 from dctorque_can.starter.material import Material, open_verdict
 from dctorque_can.starter.motion import STEP_S, Floats
 from dctorque_can.starter.naming import Rule
-from dctorque_can.starter.proposal import Candidate, Gap, Level, Proposal, Verdict, chosen
+from dctorque_can.starter.proposal import Candidate, Gap, Level, Proposal, Verdict, chosen, gap
 from dctorque_can.starter.torques import Locked
 from dctorque_can.starter.words import Word, number_of
 
@@ -41,6 +48,7 @@ SHIFTING = Rule(
     against=frozenset({Word.LEVER, Word.TARGET, Word.LIMIT, Word.DISPLAY, Word.DRIVER, Word.LIGHT, Word.SHAFT, Word.TORQUE}),
     bits=(1, 3),
 )
+_FEW_VALUES = 32
 _NEAR_STEPS, _AHEAD_S, _WITHIN_S = 25, 0.1, 3.0
 
 
@@ -72,9 +80,10 @@ def find_gears(material: Material, locked: Locked | None) -> GearFindings:
     both = _of_shafts(material, judge)
     if both:
         return GearFindings("signals", list(both), None, {})
-    actual = [judge.judged(c) for c in material.candidates(ACTUAL)]
-    target = [judge.judged(c) for c in material.candidates(TARGET)]
+    actual = [judge.judged(c) for c in _gear_like(material, ACTUAL)]
     proposal = _chosen(material, judge, "gears.actual", actual)
+    gear = judge.gears(proposal.entry) if proposal is not None and material.lives(proposal.entry) else None
+    target = [judge.judged(c) if gear is None else judge.follows(c, gear) for c in _gear_like(material, TARGET)]
     others = [c for c in target if proposal is None or c.entry.name != proposal.entry.name]
     wanted = _chosen(material, judge, "gears.target", others)
     if proposal is None and wanted is not None:
@@ -82,10 +91,10 @@ def find_gears(material: Material, locked: Locked | None) -> GearFindings:
         proposal = replace(wanted, key="gears.actual", level="guess", merit=0.5, why=(*wanted.why, why))
         wanted = None
     if proposal is None:
-        return GearFindings("", [Gap("gears.actual", "no signal is called a gear", True)], None, {})
+        return GearFindings("", [gap("gears.actual", "no gear was found", actual, needed=True)], None, {})
     if wanted is not None:
         proposal, wanted = _who_leads(material, judge, proposal, wanted)
-    found: list[Proposal | Gap] = [proposal, wanted or Gap("gears.target", "no signal is called a target gear", False)]
+    found: list[Proposal | Gap] = [proposal, wanted or gap("gears.target", "no target gear was found", others)]
     gear = judge.gears(proposal.entry) if material.lives(proposal.entry) else None
     found.append(_shifting(material, gear))
     values = judge.values(proposal.entry)[0]
@@ -104,12 +113,22 @@ def _chosen(material: Material, judge: _Judge, key: str, candidates: list[Candid
     return replace(proposal, level=level, why=(*proposal.why, why), fields={"values": values or None})
 
 
+def _gear_like(material: Material, rule: Rule) -> list[Candidate]:
+    """Return the signals with a name of a gear; one of few values may be called a gear ratio, others are a number."""
+    few = replace(rule, against=rule.against - {Word.RATIO, Word.POSITION})
+    return [
+        *material.candidates(few, [e for e in material.entries if e.steps <= _FEW_VALUES]),
+        *material.candidates(rule, [e for e in material.entries if e.steps > _FEW_VALUES]),
+    ]
+
+
 class _Judge:
     """What a log says of gear signals."""
 
     def __init__(self, material: Material, locked: Locked | None) -> None:
         self._material, self._locked = material, locked
         self._ratios: dict[str, RatioByValue] = {}
+        self._reached: dict[str, dict[int, int]] = {}
 
     def raw(self, entry: Entry) -> Floats:
         """Return the raw values of a signal on the grid."""
@@ -121,7 +140,10 @@ class _Judge:
         if self._locked is None or not self._material.lives(entry):
             return RatioByValue({}, 0.0)
         if entry.name not in self._ratios:
-            self._ratios[entry.name] = ratio_by_value(self.raw(entry), self._locked.ratio, self._locked.where)
+            raw = self.raw(entry)
+            if table := gears_of_table(entry):
+                raw = np.where(np.isin(raw, [each for each, gear in table.items() if gear > 0]), raw, np.nan)
+            self._ratios[entry.name] = ratio_by_value(raw, self._locked.ratio, self._locked.where)
         return self._ratios[entry.name]
 
     def judged(self, candidate: Candidate) -> Candidate:
@@ -139,12 +161,29 @@ class _Judge:
             return replace(candidate, verdict=Verdict("contradicts", why))
         return replace(candidate, verdict=Verdict("nothing", "the log shows too few gears"))
 
+    def follows(self, candidate: Candidate, gear: Floats) -> Candidate:
+        """Return a target gear with whether the actual gear comes to each of its values."""
+        if self._material.recording is None or not open_verdict(candidate):
+            return candidate
+        values, share = gears_reached(self.raw(candidate.entry), gear)
+        if values and share < 0.7 or not values and share > 0.0:
+            why = f"the log: the actual gear comes to its value in {share:.0%} of the cases"
+            return replace(candidate, verdict=Verdict("contradicts", why))
+        if len({each for each in values.values() if each > 0}) < 2:
+            return replace(candidate, verdict=Verdict("nothing", "the log shows too few shifts"))
+        self._reached[candidate.entry.name] = values
+        why = f"the log: the actual gear comes to its value in {share:.0%} of the cases"
+        return replace(candidate, verdict=Verdict("agrees", why))
+
     def values(self, entry: Entry) -> tuple[dict[int, int], str]:
         """Return the gears by raw value, and why; {} where neither table nor log tell them."""
         if table := gears_of_table(entry):
             return table, "values: by its value table"
+        named = special_of_table(entry)
+        if reached := self._reached.get(entry.name):
+            return dict(sorted((reached | named).items())), "values: by the actual gear that is reached"
         found, why = gears_of_ratios(entry, self.ratio(entry).ratios)
-        return (found, f"values: {why}") if found else ({}, "values: a gap, neither table nor log tell them")
+        return (dict(sorted((found | named).items())), f"values: {why}") if found else ({}, "values: a gap, neither table nor log tell them")
 
     def gears(self, entry: Entry) -> Floats:
         """Return the gear on the grid; NaN where the value means none."""
@@ -239,7 +278,7 @@ def _shifting(material: Material, gear: Floats | None) -> Proposal | Gap:
     judged = [_flag_judged(material, c, gear) for c in material.candidates(SHIFTING)]
     proposal = chosen(key, judged, with_log=material.recording is not None)
     if proposal is None:
-        return Gap(key, "no signal is called a shift in progress", False)
+        return gap(key, "no shift in progress was found", judged)
     entry = proposal.entry
     idle = _usual_raw(material, entry)
     first, last = entry.layout.raw_range

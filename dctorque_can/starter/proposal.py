@@ -18,7 +18,7 @@ LEAD = 2.0
 _MOST_ALTERNATIVES = 3
 
 Says = Literal["agrees", "contradicts", "nothing", "absent"]
-WORTH: dict[Says, float] = {"agrees": 3.0, "nothing": 0.0, "absent": -2.0, "contradicts": -8.0}
+WORTH: dict[Says, float] = {"agrees": 3.0, "nothing": 0.0, "absent": -8.0, "contradicts": -8.0}
 """What the log adds to the merit of a name: e³ is 20 to 1."""
 
 
@@ -114,6 +114,13 @@ class Gap:
     needed: bool
 
 
+def gap(key: str, why: str, candidates: Sequence[Candidate] = (), *, needed: bool = False) -> Gap:
+    """Return a gap that tells which signals are called so, and what speaks against each."""
+    called = sorted((c for c in candidates if c.named >= LIKELY), key=lambda c: -c.named)[:_MOST_ALTERNATIVES]
+    told = ", ".join(f"{c.entry.name} ({c.verdict.why or c.why[-1]})" for c in called)
+    return Gap(key, f"{why}; called so: {told}" if told else why, needed)
+
+
 def ranked(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates that are worth to be named, the best first."""
     return sorted((each for each in candidates if each.merit >= GUESS), key=lambda each: -each.merit)
@@ -137,8 +144,6 @@ def chosen(key: str, candidates: Sequence[Candidate], *, with_log: bool, at_most
     rivals = order[1:]
     why = [*best.why, *([best.verdict.why] if best.verdict.why else [])]
     level: Level = "likely" if best.merit >= LIKELY else "guess"
-    if best.verdict.says == "absent":
-        level = "guess"
     if rivals and best.merit - rivals[0].merit < LEAD:
         why.append(f"{rivals[0].entry.name} is nearly as good")
     elif with_log and best.clear and best.verdict.says == "agrees" and best.verdict.strength >= 1.0:

@@ -12,7 +12,7 @@ from dctorque_can.starter.catalogue import Entry
 from dctorque_can.starter.material import Material, open_verdict
 from dctorque_can.starter.motion import Floats, Motion, RatioPattern, ratio_pattern, share_together
 from dctorque_can.starter.naming import Rule, name_merit
-from dctorque_can.starter.proposal import GUESS, Candidate, Gap, Proposal, Verdict, chosen
+from dctorque_can.starter.proposal import GUESS, Candidate, Gap, Proposal, Verdict, chosen, gap
 from dctorque_can.starter.words import Word, number_of
 
 _OTHERS = frozenset(
@@ -58,7 +58,7 @@ def find_engine(material: Material, motion: Motion | None) -> Proposal | Gap:
         if unnamed is not None and (proposal is None or proposal.merit < unnamed.merit):
             return unnamed
     if proposal is None:
-        return Gap("inputs.engine_speed", "no signal is called an engine speed, in rpm or rad/s", True)
+        return gap("inputs.engine_speed", "no engine speed was found, in rpm or rad/s", candidates, needed=True)
     alone = not proposal.alternatives and {Word.ENGINE, Word.SPEED} <= proposal.entry.own
     if material.recording is None and alone and proposal.entry.unit and _is_plain(candidates, proposal):
         return replace(proposal, level="sure", why=(*proposal.why, "the DBC has no other one"))
@@ -167,8 +167,8 @@ def find_shafts(material: Material, motion: Motion | None, engine: Proposal | Ga
     unnamed = _shafts_by_behaviour(material, motion, engine_speed, taken)
     if unnamed:
         return list(unnamed)
-    why = "no signal is called the speed of an input shaft; the method kalman can do without"
-    return [Gap(f"inputs.shaft{n}_speed", why, False) for n in (1, 2)]
+    why = "no speed of an input shaft was found; the method kalman can do without"
+    return [gap(f"inputs.shaft{n}_speed", why, judged_one) for n in (1, 2)]
 
 
 def _doubtful_turbine(candidate: Candidate) -> Candidate:

@@ -13,7 +13,7 @@ from dctorque_can.starter.catalogue import Entry
 from dctorque_can.starter.material import Material, open_verdict
 from dctorque_can.starter.motion import Floats, Mask, Motion, correlation, slope
 from dctorque_can.starter.naming import Rule
-from dctorque_can.starter.proposal import Candidate, Gap, Proposal, Verdict, chosen, ranked
+from dctorque_can.starter.proposal import Candidate, Gap, Proposal, Verdict, chosen, gap, ranked
 from dctorque_can.starter.words import Word, number_of
 
 _NOT_OF_AN_ENGINE = frozenset(
@@ -141,10 +141,7 @@ def find_engine_torque(
     candidates = [_judged(c, judge) for c in material.candidates(ENGINE)]
     proposal = chosen(key, candidates, with_log=material.recording is not None)
     if proposal is None:
-        order = sorted(candidates, key=lambda c: -c.named)[:3]
-        nearest = ", ".join(f"{c.entry.name} ({c.verdict.why or c.why[-1]})" for c in order)
-        what = f"; nearest: {nearest}" if nearest else ""
-        return Gap(key, "no signal is called an engine torque, in N·m or %" + what, True)
+        return gap(key, "no engine torque was found, in N·m or %", candidates, needed=True)
     proposal = _with_friction(material, proposal, motion, engine_speed)
     return _with_reference(material, proposal)
 
@@ -267,8 +264,8 @@ def find_transmission_torque(
     entries = [e for e in material.entries if e.name not in taken and not _of_one_clutch(e)]
     candidates = [_judged(c, judge) for c in material.candidates(TRANSMISSION, entries) if Word.ENGINE not in c.entry.own]
     key = "inputs.transmission_torque"
-    return chosen(key, candidates, with_log=material.recording is not None) or Gap(
-        key, "no signal is called a clutch torque of the transmission", False
+    return chosen(key, candidates, with_log=material.recording is not None) or gap(
+        key, "no clutch torque of the transmission was found", candidates
     )
 
 

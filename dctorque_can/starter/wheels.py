@@ -13,7 +13,7 @@ from dctorque_can.starter.catalogue import Entry
 from dctorque_can.starter.material import Material, open_verdict
 from dctorque_can.starter.motion import Floats, Motion, ratio_pattern, share_together
 from dctorque_can.starter.naming import Rule
-from dctorque_can.starter.proposal import Candidate, Gap, Proposal, Verdict, chosen
+from dctorque_can.starter.proposal import Candidate, Gap, Proposal, Verdict, chosen, gap
 from dctorque_can.starter.words import Word, wheel_of
 
 WHEELS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
@@ -47,7 +47,7 @@ def find_wheels(material: Material) -> tuple[list[Proposal | Gap], Motion | None
         of_wheel = [c for c in candidates if wheel_of(c.entry.signal.name) == key]
         proposal = chosen(f"inputs.wheel_speeds.{key}", of_wheel, with_log=material.recording is not None)
         needed = not any(isinstance(each, Proposal) for each in found) and key == "rr"
-        found.append(proposal or Gap(f"inputs.wheel_speeds.{key}", f"no signal is called a {text} wheel speed", needed))
+        found.append(proposal or gap(f"inputs.wheel_speeds.{key}", f"no {text} wheel speed was found", of_wheel, needed=needed))
     if all(isinstance(each, Gap) for each in found):
         return _by_behaviour(material, found)
     return _without_a_log(material, found), motion
