@@ -66,7 +66,7 @@ def check(
 
 def _against(config: Config, logs: Sequence[Path], found: dict[str, Any], as_json: bool) -> None:
     """Hold the file against recordings, and show what contradicts it."""
-    from dctorque_can.identify.recording import judge
+    from dctorque_can.evidence.recording import judge
     from dctorque_can.logs.reader import open_log
     from dctorque_can.report.recording_lines import CONTRADICTS, finding_line, incomplete_lines, summary_line
 

@@ -10,8 +10,8 @@ from rich.markup import escape
 from dctorque_can.report.traffic_lines import holds_no_frames, missing_lines, short_lines
 
 if TYPE_CHECKING:
-    from dctorque_can.identify.findings import Finding
-    from dctorque_can.identify.recording import Judged
+    from dctorque_can.evidence.findings import Finding
+    from dctorque_can.evidence.recording import Judged
 
 CONTRADICTS = ("error", "warning")
 """Severities of findings that say that the file is wrong; a hint does not."""

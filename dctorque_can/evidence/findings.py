@@ -10,7 +10,7 @@ from typing import Any, Literal
 from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.load import Config
 from dctorque_can.config.problems import Problem
-from dctorque_can.identify.intervals import Interval
+from dctorque_can.evidence.intervals import Interval
 
 MANY = 0.01
 """Share of the frames of an input from which it is told that something is wrong with them."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dctorque_can.identify.intervals import Intervals
+from dctorque_can.evidence.intervals import Intervals
 from dctorque_can.pipeline.frames import Address, FrameFlag, Frames
 
 ONE, OTHER = Address(0x100), Address(0x200)

@@ -3,8 +3,8 @@
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.identify.findings import findings
-from dctorque_can.identify.intervals import Interval
+from dctorque_can.evidence.findings import findings
+from dctorque_can.evidence.intervals import Interval
 from dctorque_can.resources import shipped_config
 
 FAULTS = ("bad_crc", "bad_counter", "bad_length", "out_of_range", "not_available")

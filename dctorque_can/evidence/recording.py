@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from dctorque_can.config.load import Config
-from dctorque_can.identify.findings import Finding, findings
-from dctorque_can.identify.intervals import Intervals
+from dctorque_can.evidence.findings import Finding, findings
+from dctorque_can.evidence.intervals import Intervals
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.offline.replay import (
     ReplayContent,
