@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +15,7 @@ from dctorque_can.starter.words import Word, plain, words
 
 NOMINAL_RADIUS_M = 0.31
 """Rolling radius of passenger cars, within 15 %: for telling units apart, never for a number of the vehicle file."""
+_NAME = re.compile(r"^[A-Za-z_]\w*\.[A-Za-z_]\w*$")  # that a vehicle file can name
 _NO_UNIT = {"", "-", "none", "unitless", "xxx", "tbd", "unit", "sed", "1", "raw", "unit_none"}
 _NO_VALUE = (
     *("invalid", "unavail", "not avail", "notavail", "no value", "undefined", "unknown", "reserved", "fault", "error"),
@@ -124,7 +126,8 @@ def catalogue(databases: Iterable[Database]) -> list[Entry]:
             entries += [
                 Entry(message, signal, number)
                 for signal in message.signals
-                if not (layout_problem(signal, message.length) or selector_problem(message, signal))
+                if _NAME.match(f"{message.name}.{signal.name}")
+                and not (layout_problem(signal, message.length) or selector_problem(message, signal))
             ]
     return entries
 

@@ -28,6 +28,7 @@ BRAKE = Rule(
         }
     ),
     bits=(1, 16),
+    must=False,
 )
 ACCELERATION = Rule(
     Dimension.ACCELERATION,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,9 +21,9 @@ _OTHER = frozenset(
 )
 POSITION = Rule(
     Dimension.AS_IS,
-    needs=[(frozenset({Word.CLUTCH}), 2.0), (frozenset({Word.POSITION}), 1.5)],
-    likes=frozenset({Word.ACTUAL}),
-    against=(_OTHER - {Word.SPEED}) | {Word.PRESSURE},
+    needs=[(frozenset({Word.CLUTCH}), 2.0), (frozenset({Word.POSITION, Word.PRESSURE, Word.CLUTCH}), 0.5)],
+    likes=frozenset({Word.ACTUAL, Word.POSITION, Word.PRESSURE}),
+    against=_OTHER - {Word.SPEED},
     bits=(6, 32),
 )
 STATE = Rule(
@@ -32,6 +33,7 @@ STATE = Rule(
     against=_OTHER,
     bits=(1, 4),
 )
+_OF_AN_ACTUATOR = re.compile(r"m?m|um|%|percent|unit_percent|m?bar|[kmh]?pa|deg|degrees?|inc|steps?|digit|unit_bar|unit_millimete")
 _STATES = {
     "open": ("open", "offen", "disengag", "released", "geoeffnet", "not engaged", "ouvert"),
     "slipping": ("slip", "schlupf", "schleif", "partial", "engaging", "transition", "regel", "micro", "glisse"),
@@ -97,7 +99,7 @@ def _positions(material: Material, drives: Floats | None) -> list[Proposal]:
         among = [e for e in material.entries if number_of(e.signal.name) == n]
         candidates = [
             replace(c, verdict=clutch_verdict(material, c.entry, n, drives)) if open_verdict(c) else c
-            for c in material.candidates(POSITION, among)
+            for c in filter(None, (_way(each) for each in material.candidates(POSITION, among)))
         ]
         proposal = chosen(f"clutch_phase.clutch{n}", candidates, with_log=material.recording is not None)
         if proposal is None or proposal.level == "guess":
@@ -106,6 +108,18 @@ def _positions(material: Material, drives: Floats | None) -> list[Proposal]:
         fields = {"kissing_point": None, "hysteresis": None, "closes": closes}
         found.append(replace(proposal, fields=fields, why=(*proposal.why, *seen)))
     return found
+
+
+def _way(candidate: Candidate) -> Candidate | None:
+    """Return the candidate with what its unit says; None where that is neither of a way nor of a pressure."""
+    entry = candidate.entry
+    if _OF_AN_ACTUATOR.fullmatch(plain(entry.unit).lower()):
+        if entry.unit == "%" and Word.TORQUE in entry.own:
+            return None
+        return replace(candidate, named=candidate.named + 1.0, why=(*candidate.why, f"unit {entry.unit}"))
+    if entry.unit or not {Word.POSITION, Word.PRESSURE} & entry.own:
+        return None
+    return replace(candidate, clear=False, why=(*candidate.why, "the DBC has no unit"))
 
 
 def _closes(material: Material, entry: Entry, n: int, drives: Floats | None) -> tuple[str | None, tuple[str, ...]]:

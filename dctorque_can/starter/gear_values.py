@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ _FORWARD = re.compile(r"(?<![\d.])(?:gear|gang|g|d|m|s)?[ _]?0?(1[0-5]|[1-9])(?:
 _SHORTEST_STEPS = 20
 _AFTER_STEPS, _LATE_STEPS = 10, 25  # of 20 ms
 _TIGHT, _APART = 0.03, 0.05
+_LOWEST, _STEP = (9.0, 24.0), (1.08, 1.9)
 
 
 def gear_of_text(text: str) -> int | None:
@@ -95,25 +96,84 @@ def ratio_by_value(raw: Floats, ratio: Floats, locked: Mask) -> RatioByValue:
     return RatioByValue(ratios, fitting / max(int(usable.sum()), 1))
 
 
-def gears_of_ratios(entry: Entry, ratios: Mapping[int, float]) -> tuple[dict[int, int], str]:
-    """Return gears by raw value without a value table, and why; {} where the ratios do not say it.
+def numbered(ratios: Sequence[float]) -> list[int]:
+    """Return the numbers of forward gears by their total ratios; [] where these do not say it.
 
-    The ratios must fall while the physical value rises: then that is the number of the gear.
+    The lowest gear of a car has a total ratio of 9 to 24, and from gear to gear it falls by 8 to 90 %. So where the
+    highest of the ratios is that of a lowest gear, and none is missing between, they are numbered from 1.
+
+    Args:
+        ratios: engine or shaft to wheels, of different gears, in any order; wheels in rad/s, or as a road speed with
+            wheels of 0.31 m.
     """
-    physical = {raw: entry.layout.scale * raw + entry.layout.offset for raw in ratios}
-    numbers = {raw: round(value) for raw, value in physical.items()}
-    order = sorted(numbers, key=lambda raw: numbers[raw])
-    falls = all(ratios[a] > ratios[b] for a, b in zip(order, order[1:], strict=False))
-    whole = all(abs(physical[raw] - numbers[raw]) < 1e-6 and 1 <= numbers[raw] <= 10 for raw in order)
-    if not (falls and whole and len(order) >= 2):
-        return {}, ""
-    first, last = entry.layout.raw_range
+    order = sorted(range(len(ratios)), key=lambda k: -ratios[k])
+    steps = [ratios[a] / ratios[b] for a, b in zip(order, order[1:], strict=False)]
+    if len(order) < 2 or not _LOWEST[0] < ratios[order[0]] < _LOWEST[1] or not all(_STEP[0] < s < _STEP[1] for s in steps):
+        return []
+    numbers = [0] * len(order)
+    for number, k in enumerate(order, 1):
+        numbers[k] = number
+    return numbers
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What the raw values of a gear signal mean.
+
+    Attributes:
+        values: gear by raw value.
+        why: in words.
+        sure: whether more than one thing says so.
+    """
+
+    values: dict[int, int]
+    why: str
+    sure: bool
+
+
+def meaning_of(entry: Entry, ratios: Mapping[int, float], numbers: Mapping[int, int]) -> Meaning | None:
+    """Return what the values of a signal without a value table mean; None where the ratios do not say it.
+
+    Args:
+        entry: the signal.
+        ratios: by raw value that came with one lasting ratio; reverse is not among them.
+        numbers: gear by raw value, of `numbered`; {} where it is silent.
+    """
+    scale, offset = entry.layout.scale, entry.layout.offset
+    physical = {raw: scale * raw + offset for raw in ratios}
+    order = sorted(ratios, key=lambda raw: -ratios[raw])
+    if len(order) < 2:
+        return None
+    rises = all(physical[a] < physical[b] for a, b in zip(order, order[1:], strict=False))
+    listed = ", ".join(f"raw {raw}: {ratios[raw]:.2f}" for raw in order)
+    if not numbers:
+        return None
+    same = all(abs(physical[raw] - numbers[raw]) < 1e-6 for raw in order)
     values = {raw: numbers[raw] for raw in order}
-    zero = round((0.0 - entry.layout.offset) / entry.layout.scale)
-    if first <= zero <= last and zero not in values:
-        values[zero] = NEUTRAL
-    listed = ", ".join(f"{numbers[raw]}: {ratios[raw]:.2f}" for raw in order)
-    return dict(sorted(values.items())), f"no value table; its value rises as the ratio to the wheels falls ({listed})"
+    if same:
+        zero = round((0.0 - offset) / scale)
+        if entry.layout.raw_range[0] <= zero <= entry.layout.raw_range[1]:
+            values.setdefault(zero, NEUTRAL)
+        return Meaning(values, f"no value table; the values are the numbers of the gears by their ratios ({listed})", True)
+    if not rises:
+        return None
+    return Meaning(values, f"no value table; numbered by their ratios, engine to wheels ({listed})", False)
+
+
+def without_reverse(ratios: Mapping[int, float], raw: Floats) -> dict[int, float]:
+    """Return the ratios without that of a reverse gear: as short as the lowest one, and never next to another gear."""
+    order = sorted(ratios, key=lambda value: -ratios[value])
+    if len(order) < 3 or ratios[order[0]] > _STEP[1] * ratios[order[1]]:
+        return dict(ratios)
+    known = raw[np.isin(raw, order)]
+    turns = np.flatnonzero(np.diff(known) != 0)
+    pairs = list(zip(known[turns].tolist(), known[turns + 1].tolist(), strict=True))
+    for suspect in order[:2]:
+        goes_on = any(suspect in pair and order[2] in pair for pair in pairs)
+        other = order[1] if suspect == order[0] else order[0]
+        if not goes_on and any(other in pair and order[2] in pair for pair in pairs) and ratios[order[0]] < 1.3 * ratios[order[1]]:
+            return {value: ratio for value, ratio in ratios.items() if value != suspect}
+    return dict(ratios)
 
 
 def gears_reached(raw: Floats, gear: Floats) -> tuple[dict[int, int], float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,15 +10,18 @@ import numpy as np
 from dctorque_can.config.units import Dimension
 from dctorque_can.starter.catalogue import Entry
 from dctorque_can.starter.gear_values import (
+    Meaning,
     RatioByValue,
-    gears_of_ratios,
     gears_of_table,
     gears_reached,
+    meaning_of,
+    numbered,
     ratio_by_value,
     special_of_table,
+    without_reverse,
 )
 from dctorque_can.starter.material import Material, open_verdict
-from dctorque_can.starter.motion import STEP_S, Floats
+from dctorque_can.starter.motion import STEP_S, Floats, Motion
 from dctorque_can.starter.naming import Rule
 from dctorque_can.starter.proposal import Candidate, Gap, Level, Proposal, Verdict, chosen, gap
 from dctorque_can.starter.torques import Locked
@@ -47,6 +51,7 @@ SHIFTING = Rule(
     needs=[(frozenset({Word.SHIFT}), 2.0), (frozenset({Word.ACTIVE, Word.GEAR, Word.STATE, Word.SHIFT}), 0.5)],
     against=frozenset({Word.LEVER, Word.TARGET, Word.LIMIT, Word.DISPLAY, Word.DRIVER, Word.LIGHT, Word.SHAFT, Word.TORQUE}),
     bits=(1, 3),
+    must=False,
 )
 _FEW_VALUES = 32
 _NEAR_STEPS, _AHEAD_S, _WITHIN_S = 25, 0.1, 3.0
@@ -69,21 +74,26 @@ class GearFindings:
     ratios: dict[int, float]
 
 
-def find_gears(material: Material, locked: Locked | None) -> GearFindings:
+def find_gears(
+    material: Material, locked: Locked | None, motion: Motion | None, shafts: Sequence[Floats]
+) -> GearFindings:
     """Return what tells the gears.
 
     Args:
         material: signals and log.
         locked: where a clutch holds, with the ratio of engine to wheels; None where the log does not show it.
+        motion: of the wheels.
+        shafts: speeds of both input shafts on the grid, rad/s; empty where not both are known.
     """
     judge = _Judge(material, locked)
-    both = _of_shafts(material, judge)
+    both = _of_shafts(material, judge, motion, shafts)
     if both:
         return GearFindings("signals", list(both), None, {})
     actual = [judge.judged(c) for c in _gear_like(material, ACTUAL)]
     proposal = _chosen(material, judge, "gears.actual", actual)
     gear = judge.gears(proposal.entry) if proposal is not None and material.lives(proposal.entry) else None
-    target = [judge.judged(c) if gear is None else judge.follows(c, gear) for c in _gear_like(material, TARGET)]
+    numbers_sure = proposal is not None and judge.meaning(proposal.entry).sure
+    target = [judge.judged(c) if gear is None else judge.follows(c, gear, numbers_sure) for c in _gear_like(material, TARGET)]
     others = [c for c in target if proposal is None or c.entry.name != proposal.entry.name]
     wanted = _chosen(material, judge, "gears.target", others)
     if proposal is None and wanted is not None:
@@ -91,13 +101,14 @@ def find_gears(material: Material, locked: Locked | None) -> GearFindings:
         proposal = replace(wanted, key="gears.actual", level="guess", merit=0.5, why=(*wanted.why, why))
         wanted = None
     if proposal is None:
-        return GearFindings("", [gap("gears.actual", "no gear was found", actual, needed=True)], None, {})
+        none: list[Proposal | Gap] = [gap("gears.actual", "no gear was found", actual, needed=True), _shifting(material, None)]
+        return GearFindings("", none, None, {})
     if wanted is not None:
         proposal, wanted = _who_leads(material, judge, proposal, wanted)
     found: list[Proposal | Gap] = [proposal, wanted or gap("gears.target", "no target gear was found", others)]
     gear = judge.gears(proposal.entry) if material.lives(proposal.entry) else None
     found.append(_shifting(material, gear))
-    values = judge.values(proposal.entry)[0]
+    values = judge.values(proposal.entry)
     ratios = {values[raw]: ratio for raw, ratio in judge.ratio(proposal.entry).ratios.items() if values.get(raw, 0) > 0}
     return GearFindings("gearbox", found, gear, dict(sorted(ratios.items())))
 
@@ -106,11 +117,9 @@ def _chosen(material: Material, judge: _Judge, key: str, candidates: list[Candid
     proposal = chosen(key, candidates, with_log=material.recording is not None)
     if proposal is None:
         return None
-    values, why = judge.values(proposal.entry)
-    level: Level = proposal.level
-    if not values:
-        level = "guess" if level == "guess" else "likely"
-    return replace(proposal, level=level, why=(*proposal.why, why), fields={"values": values or None})
+    meaning = judge.meaning(proposal.entry)
+    level: Level = proposal.level if meaning.sure or proposal.level == "guess" else "likely"
+    return replace(proposal, level=level, why=(*proposal.why, meaning.why), fields={"values": meaning.values or None})
 
 
 def _gear_like(material: Material, rule: Rule) -> list[Candidate]:
@@ -129,6 +138,8 @@ class _Judge:
         self._material, self._locked = material, locked
         self._ratios: dict[str, RatioByValue] = {}
         self._reached: dict[str, dict[int, int]] = {}
+        self._sure: set[str] = set()
+        self._of_shaft: dict[str, Meaning | None] = {}
 
     def raw(self, entry: Entry) -> Floats:
         """Return the raw values of a signal on the grid."""
@@ -161,7 +172,7 @@ class _Judge:
             return replace(candidate, verdict=Verdict("contradicts", why))
         return replace(candidate, verdict=Verdict("nothing", "the log shows too few gears"))
 
-    def follows(self, candidate: Candidate, gear: Floats) -> Candidate:
+    def follows(self, candidate: Candidate, gear: Floats, sure: bool) -> Candidate:
         """Return a target gear with whether the actual gear comes to each of its values."""
         if self._material.recording is None or not open_verdict(candidate):
             return candidate
@@ -172,40 +183,79 @@ class _Judge:
         if len({each for each in values.values() if each > 0}) < 2:
             return replace(candidate, verdict=Verdict("nothing", "the log shows too few shifts"))
         self._reached[candidate.entry.name] = values
+        if sure:
+            self._sure.add(candidate.entry.name)
         why = f"the log: the actual gear comes to its value in {share:.0%} of the cases"
         return replace(candidate, verdict=Verdict("agrees", why))
 
-    def values(self, entry: Entry) -> tuple[dict[int, int], str]:
-        """Return the gears by raw value, and why; {} where neither table nor log tell them."""
+    def meaning(self, entry: Entry) -> Meaning:
+        """Return what the raw values mean; nothing where neither table nor log tell it."""
         if table := gears_of_table(entry):
-            return table, "values: by its value table"
+            return Meaning(table, "values: by its value table", True)
         named = special_of_table(entry)
         if reached := self._reached.get(entry.name):
-            return dict(sorted((reached | named).items())), "values: by the actual gear that is reached"
-        found, why = gears_of_ratios(entry, self.ratio(entry).ratios)
-        return (dict(sorted((found | named).items())), f"values: {why}") if found else ({}, "values: a gap, neither table nor log tell them")
+            values = dict(sorted((reached | named).items()))
+            return Meaning(values, "values: by the actual gear that is reached", entry.name in self._sure)
+        if entry.name in self._of_shaft:
+            found: Meaning | None = self._of_shaft[entry.name]
+        else:
+            ratios = {raw: r for raw, r in self.ratio(entry).ratios.items() if raw not in named}
+            if self._material.lives(entry):
+                ratios = without_reverse(ratios, self.raw(entry))
+            numbers = dict(zip(ratios, numbered(list(ratios.values())), strict=False))
+            found = meaning_of(entry, ratios, numbers)
+        if found is None:
+            return Meaning({}, "values: a gap, neither table nor log tell them", False)
+        return Meaning(dict(sorted((found.values | named).items())), f"values: {found.why}", found.sure)
+
+    def values(self, entry: Entry) -> dict[int, int]:
+        """Return the gears by raw value; {} where neither table nor log tell them."""
+        return self.meaning(entry).values
+
+    def take_shafts(self, entries: Sequence[Entry], ratios: Sequence[dict[int, float]]) -> None:
+        """Number the gears of both shafts together, by the ratios of either."""
+        together = [(k, raw, ratio) for k, of_shaft in enumerate(ratios) for raw, ratio in of_shaft.items()]
+        numbers = numbered([ratio for _, _, ratio in together])
+        for k, entry in enumerate(entries):
+            own = {raw: number for (shaft, raw, _), number in zip(together, numbers, strict=False) if shaft == k}
+            self._of_shaft[entry.name] = meaning_of(entry, ratios[k], own)
 
     def gears(self, entry: Entry) -> Floats:
         """Return the gear on the grid; NaN where the value means none."""
         raw = self.raw(entry)
         result = np.full(len(raw), np.nan)
-        for value, gear in self.values(entry)[0].items():
+        for value, gear in self.values(entry).items():
             result[raw == value] = gear
         return result
 
 
-def _of_shafts(material: Material, judge: _Judge) -> list[Proposal]:
+def _of_shafts(
+    material: Material, judge: _Judge, motion: Motion | None, shafts: Sequence[Floats]
+) -> list[Proposal]:
     """Return a gear signal for each shaft, if there are two such names."""
     candidates = [c for c in material.candidates(ACTUAL) if c.verdict.says not in ("absent", "contradicts")]
+    of_shaft = [
+        [c for c in candidates if number_of(c.entry.signal.name) == n and _about_a_shaft(c.entry)] for n in (1, 2)
+    ]
+    if not all(of_shaft):
+        return []
+    best = [max(each, key=lambda c: c.merit).entry for each in of_shaft]
+    if motion is not None and motion.drives and len(shafts) == 2:
+        judge.take_shafts(best, [_shaft_ratios(judge.raw(e), s, motion) for e, s in zip(best, shafts, strict=True)])
     found = []
-    for n in (1, 2):
-        mine = [c for c in candidates if number_of(c.entry.signal.name) == n and _about_a_shaft(c.entry)]
+    for n, mine in enumerate(of_shaft, 1):
         judged = [replace(c, verdict=_shaft_gear_verdict(material, judge, c.entry)) for c in mine]
         proposal = _chosen(material, judge, f"gears.shaft{n}", judged)
         if proposal is None:
             return []
         found.append(proposal)
     return _by_parity(judge, found)
+
+
+def _shaft_ratios(raw: Floats, shaft: Floats, motion: Motion) -> dict[int, float]:
+    """Return the ratio of a shaft to the wheels at each raw value of its gear; neutral has none that lasts."""
+    locked = Locked.of(shaft, motion)
+    return without_reverse(dict(ratio_by_value(raw, locked.ratio, locked.where).ratios), raw)
 
 
 def _about_a_shaft(entry: Entry) -> bool:
@@ -215,7 +265,7 @@ def _about_a_shaft(entry: Entry) -> bool:
 def _shaft_gear_verdict(material: Material, judge: _Judge, entry: Entry) -> Verdict:
     if material.recording is None:
         return Verdict("nothing")
-    values = judge.values(entry)[0]
+    values = judge.values(entry)
     seen = {values[raw] for raw in material.recording.raw_values(entry) if values.get(raw, 0) > 0}
     if len(seen) < 2:
         return Verdict("nothing", "the log shows too few gears of it")
@@ -226,7 +276,7 @@ def _shaft_gear_verdict(material: Material, judge: _Judge, entry: Entry) -> Verd
 
 def _by_parity(judge: _Judge, found: list[Proposal]) -> list[Proposal]:
     """Return both; doubtful where shaft 1 is told to have the even gears."""
-    first = [gear for gear in judge.values(found[0].entry)[0].values() if gear > 0]
+    first = [gear for gear in judge.values(found[0].entry).values() if gear > 0]
     if first and all(gear % 2 == 0 for gear in first):
         why = "the even gears are on the shaft that is called 1: is the numbering another one?"
         return [replace(p, level="likely", why=(*p.why, why)) for p in found]

@@ -33,7 +33,7 @@ class Rule:
         likes: words that make it better.
         against: words that say something else.
         bits: fewest and most bits of a signal.
-        of_message: groups of ``needs`` that the message may tell as well as the name.
+        must: whether the first group of ``needs`` must be told; else the log alone may speak for a signal.
     """
 
     dimension: Dimension
@@ -41,6 +41,7 @@ class Rule:
     likes: frozenset[Word] = frozenset()
     against: frozenset[Word] = frozenset()
     bits: tuple[int, int] = (6, 64)
+    must: bool = True
 
 
 def named(entries: Iterable[Entry], rule: Rule) -> list[Candidate]:
@@ -57,6 +58,8 @@ def is_odd(entry: Entry) -> bool:
 def name_merit(entry: Entry, rule: Rule) -> Candidate | None:
     """Return a signal as a candidate; None where its unit or its bits cannot be."""
     if not rule.bits[0] <= entry.layout.bits <= rule.bits[1]:
+        return None
+    if rule.must and not rule.needs[0][0] & (entry.own | entry.around):
         return None
     merit, why, clear = 0.0, [], True
     told: list[str] = []

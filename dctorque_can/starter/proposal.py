@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import exp
 from typing import Any, Literal
 
 from dctorque_can.starter.catalogue import Entry
@@ -87,11 +86,6 @@ class Proposal:
     fields: dict[str, Any] = field(default_factory=dict)
     alternatives: tuple[Candidate, ...] = ()
     extra: tuple[Entry, ...] = ()
-
-    @property
-    def probability(self) -> float:
-        """Of being right, 0..1, as far as merits add up."""
-        return 1.0 / (1.0 + exp(-self.merit))
 
     @property
     def entries(self) -> tuple[Entry, ...]:

@@ -11,7 +11,7 @@ from dctorque_can.config.units import Dimension
 from dctorque_can.starter.catalogue import Entry
 from dctorque_can.starter.material import Material, open_verdict
 from dctorque_can.starter.motion import Floats, Motion, RatioPattern, ratio_pattern, share_together
-from dctorque_can.starter.naming import Rule, name_merit
+from dctorque_can.starter.naming import Rule
 from dctorque_can.starter.proposal import GUESS, Candidate, Gap, Proposal, Verdict, chosen, gap
 from dctorque_can.starter.words import Word, number_of
 
@@ -24,7 +24,7 @@ _OTHERS = frozenset(
 )
 ENGINE = Rule(
     Dimension.ROTATION,
-    needs=[(frozenset({Word.ENGINE}), 1.5), (frozenset({Word.SPEED}), 1.0)],
+    needs=[(frozenset({Word.SPEED}), 1.0), (frozenset({Word.ENGINE}), 1.5)],
     likes=frozenset({Word.ACTUAL}),
     against=_OTHERS | {Word.TURBINE, Word.INPUT, Word.SHAFT, Word.CLUTCH, Word.GEARBOX},
     bits=(7, 64),
@@ -32,9 +32,9 @@ ENGINE = Rule(
 SHAFT = Rule(
     Dimension.ROTATION,
     needs=[
-        (frozenset({Word.INPUT, Word.SHAFT, Word.CLUTCH, Word.TURBINE}), 1.5),
+        (frozenset({Word.INPUT, Word.SHAFT, Word.CLUTCH, Word.TURBINE, Word.GEARBOX}), 1.5),
         (frozenset({Word.SPEED}), 0.7),
-        (frozenset({Word.GEARBOX, Word.CLUTCH, Word.SHAFT}), 0.3),
+        (frozenset({Word.INPUT, Word.SHAFT, Word.CLUTCH}), 0.5),
     ],
     likes=frozenset({Word.ACTUAL}),
     against=(_OTHERS - {Word.POSITION}) | {Word.OUTPUT},
@@ -140,8 +140,7 @@ def _engine_by_behaviour(material: Material, motion: Motion | None) -> Proposal 
     for entry, speed in _unnamed(material, motion):
         verdict = _as_engine(speed, motion, bool(entry.unit))
         if verdict.says == "agrees" and verdict.strength >= 1.0:
-            named = name_merit(entry, ENGINE)
-            found.append(Candidate(entry, min(0.0, named.named if named else -1.0) * 0.5, False, (), verdict))
+            found.append(Candidate(entry, -0.5, False, ("no name says so",), verdict))
     return chosen("inputs.engine_speed", found, with_log=True, at_most="likely")
 
 

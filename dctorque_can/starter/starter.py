@@ -68,6 +68,11 @@ class Starter:
     remarks: tuple[str, ...] = ()
 
     @property
+    def messages(self) -> list[str]:
+        """The messages that something proposed is read from, by name."""
+        return list(dict.fromkeys(e.message.name for p in self.proposals for e in p.entries))
+
+    @property
     def proposals(self) -> list[Proposal]:
         """What was found."""
         return [each for each in self.found if isinstance(each, Proposal)]
@@ -76,6 +81,19 @@ class Starter:
     def gaps(self) -> list[Gap]:
         """What was not found."""
         return [each for each in self.found if isinstance(each, Gap)]
+
+    def answered(self, key: str, choice: int) -> Starter:
+        """Return the proposals after an answer of the user.
+
+        Args:
+            key: of a proposal.
+            choice: 0 leaves a gap, 1 confirms the proposal, 2 and more take an alternative in its place.
+
+        Raises:
+            IndexError: there are not so many alternatives.
+        """
+        found = [_answered(each, choice) if each.key == key and isinstance(each, Proposal) else each for each in self.found]
+        return replace(self, found=tuple(found))
 
     def timeout_ms(self, entry: Entry) -> int | None:
         """Return the timeout that fits a message: by the log, else by the cycle time of the DBC; None without both."""
@@ -87,6 +105,17 @@ class Starter:
         else:
             return None
         return int(min(max(_ROUND_MS * ceil(needed / _ROUND_MS), 2 * _ROUND_MS), 60_000))
+
+
+def _answered(proposal: Proposal, choice: int) -> Proposal | Gap:
+    if choice == 0:
+        return Gap(proposal.key, "left out when asked", False)
+    if choice == 1:
+        return replace(proposal, level="sure", why=(*proposal.why, "confirmed when asked"))
+    other = proposal.alternatives[choice - 2]
+    fields = {name: None for name in proposal.fields if name not in ("sum", "times", "signals", "reference_nm")}
+    why = (*other.why, "chosen when asked")
+    return replace(proposal, level="sure", why=why, entry=other.entry, fields=fields, extra=(), alternatives=())
 
 
 def propose(dbcs: Sequence[Dbc], frames: Frames | None) -> Starter:
@@ -111,8 +140,8 @@ def propose(dbcs: Sequence[Dbc], frames: Frames | None) -> Starter:
     locked = Locked.of(engine_speed, motion) if engine_speed is not None and motion is not None and motion.drives else None
     shafts = find_shafts(material, motion, engine)
     torque = find_engine_torque(material, motion, engine_speed)
-    gears = find_gears(material, locked)
     two = [s for each in shafts if each.key != "inputs.driving_shaft_speed" and (s := _live(material, each)) is not None]
+    gears = find_gears(material, locked, motion, two)
     drives = driving_clutch(two, engine_speed, gears.gear, motion)
     clutches = find_clutches(material, drives, locked, motion)
     taken = {e.name for each in (torque, *clutches.found) if isinstance(each, Proposal) for e in each.entries}
@@ -172,7 +201,9 @@ def _completed(
     recording = material.recording
     grouped = by_message(material.entries)
     used = list({e.name: e for p in starter.proposals for e in p.entries}.values())
-    messages = list(dict.fromkeys(e.message.name for e in used))
+    others = [c.entry for p in starter.proposals for c in p.alternatives]  # an answer of the user may take one
+    possible = list({e.name: e for e in (*used, *others)}.values())
+    messages = list(dict.fromkeys(e.message.name for e in possible))
     protections, unprotected, periods = [], {}, {}
     for name in messages:
         result = find_protection(grouped[name], recording)
@@ -192,8 +223,8 @@ def _completed(
         unprotected=unprotected,
         periods=periods,
         channels=channels,
-        no_value={e.name: values for e in used if (values := _no_value(e, recording))},
-        units={e.name: unit for p in starter.proposals for e in p.entries if (unit := _unit(p, e, material, motion, engine_speed))},
+        no_value={e.name: values for e in possible if (values := _no_value(e, recording))},
+        units={e.name: unit for p in starter.proposals for e in (*p.entries, *(c.entry for c in p.alternatives)) if (unit := _unit(p, e, material, motion, engine_speed))},
         seconds=recording.seconds if recording is not None else 0.0,
         remarks=(*remarks, *told),
     )

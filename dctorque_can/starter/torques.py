@@ -40,19 +40,24 @@ FRICTION = Rule(
 )
 REFERENCE = Rule(
     Dimension.TORQUE,
-    needs=[(frozenset({Word.REFERENCE}), 2.0), (frozenset({Word.TORQUE}), 1.0), (frozenset({Word.ENGINE}), 0.5)],
+    needs=[
+        (frozenset({Word.REFERENCE, Word.LIMIT}), 1.0),
+        (frozenset({Word.TORQUE}), 1.0),
+        (frozenset({Word.ENGINE}), 0.5),
+    ],
+    likes=frozenset({Word.REFERENCE}),
     against=(_NOT_OF_AN_ENGINE - {Word.REFERENCE, Word.LIMIT}) | {Word.CLUTCH},
     bits=(5, 32),
 )
 TRANSMISSION = Rule(
     Dimension.TORQUE,
-    needs=[(frozenset({Word.TORQUE}), 1.5), (frozenset({Word.CLUTCH, Word.INPUT, Word.GEARBOX}), 1.5)],
+    needs=[(frozenset({Word.CLUTCH, Word.INPUT, Word.GEARBOX}), 1.5), (frozenset({Word.TORQUE}), 1.5)],
     likes=frozenset({Word.ACTUAL, Word.CLUTCH}),
     against=_NOT_OF_AN_ENGINE | {Word.INTERVENTION, Word.FRICTION, Word.OUTPUT},
 )
 COMMAND = Rule(
     Dimension.TORQUE,
-    needs=[(frozenset({Word.TORQUE}), 1.0), (frozenset({Word.CLUTCH}), 2.0)],
+    needs=[(frozenset({Word.CLUTCH}), 2.0), (frozenset({Word.TORQUE, Word.CLUTCH}), 1.0)],
     likes=frozenset({Word.TARGET}),
     against=(_NOT_OF_AN_ENGINE - {Word.TARGET}) | {Word.FRICTION},
 )
@@ -230,7 +235,8 @@ def _with_reference(material: Material, proposal: Proposal) -> Proposal:
         if candidate.verdict.says == "absent" or candidate.merit < -20.0:
             continue
         value = _usual(material, candidate.entry)
-        if value is None or 30.0 <= value <= 3000.0:
+        of_the_moment = Word.REFERENCE not in candidate.entry.own and material.lives(candidate.entry)
+        if (value is None or 30.0 <= value <= 3000.0) and not of_the_moment:
             found.append(replace(candidate, verdict=Verdict("nothing", "" if value is None else f"{value:g} N·m in the log")))
     order = ranked(found)
     if not order:
@@ -238,6 +244,8 @@ def _with_reference(material: Material, proposal: Proposal) -> Proposal:
         level: Any = "likely" if proposal.level == "sure" else proposal.level
         return replace(proposal, level=level, fields=proposal.fields | {"reference_nm": None}, why=(*proposal.why, why))
     best = order[0].entry
+    if Word.REFERENCE not in best.own and proposal.level == "sure":
+        proposal = replace(proposal, level="likely", why=(*proposal.why, f"{best.name} is not clearly a reference"))
     value_text = f" ({order[0].verdict.why})" if order[0].verdict.why else ""
     return replace(
         proposal,
@@ -285,13 +293,21 @@ def find_clutch_torques(material: Material, drives: Floats | None) -> list[Propo
         among = [e for e in material.entries if number_of(e.signal.name) == n]
         candidates = [
             replace(c, verdict=clutch_verdict(material, c.entry, n, drives)) if open_verdict(c) else c
-            for c in material.candidates(COMMAND, among)
+            for c in map(_commanded, material.candidates(COMMAND, among))
+            if Word.TORQUE in c.entry.own or (c.entry.unit and share_of(c.entry.unit) is None)
         ]
         proposal = chosen(f"inputs.clutch{n}_command", candidates, with_log=material.recording is not None)
         if proposal is None or proposal.level == "guess":
             return []
         found.append(proposal)
     return found
+
+
+def _commanded(candidate: Candidate) -> Candidate:
+    """Return the candidate; what is not called a command may be what the transmission believes."""
+    if Word.TARGET in candidate.entry.own:
+        return candidate
+    return replace(candidate, clear=False, why=(*candidate.why, "not called a command: is it one, or an estimate?"))
 
 
 def clutch_verdict(material: Material, entry: Entry, n: int, drives: Floats | None) -> Verdict:

@@ -19,7 +19,7 @@ from dctorque_can.starter.words import Word, wheel_of
 WHEELS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 RULE = Rule(
     Dimension.WHEEL,
-    needs=[(frozenset({Word.WHEEL}), 2.0), (frozenset({Word.SPEED, Word.WHEEL}), 0.5)],
+    needs=[(frozenset({Word.SPEED, Word.WHEEL}), 1.5), (frozenset({Word.WHEEL, Word.BRAKE, Word.INTERVENTION}), 1.0)],
     against=frozenset(
         {Word.STEERING, Word.TORQUE, Word.ACCELERATION, Word.PRESSURE, Word.TARGET, Word.DIRECTION, Word.RATE, Word.LIMIT}
     ),
@@ -62,7 +62,11 @@ def _reference(material: Material, entries: Sequence[Entry]) -> Floats | None:
     """Return the median wheel speed on the grid, in rad/s if units are told; None without any."""
     if material.recording is None or not entries:
         return None
-    columns = [material.recording.on_grid(each) * (each.factor(Dimension.WHEEL) or 1.0) for each in entries]
+    return _median([material.recording.on_grid(each) * (each.factor(Dimension.WHEEL) or 1.0) for each in entries])
+
+
+def _median(columns: Sequence[Floats]) -> Floats:
+    """Return the median of those that are known, at each time."""
     table = np.vstack(columns)
     known = np.isfinite(table).any(axis=0)
     result = np.full(table.shape[1], np.nan)
@@ -136,7 +140,7 @@ def _by_behaviour(material: Material, gaps: list[Proposal | Gap]) -> tuple[list[
             best, merit = group, worth
     if not best:
         return gaps, None
-    motion = Motion(np.nanmedian(np.vstack([recording.on_grid(each) for each in best]), axis=0))
+    motion = Motion(_median([recording.on_grid(each) for each in best]))
     if len(best) != len(WHEELS):
         names = ", ".join(each.name for each in best)
         return [replace(gap, why=f"these run together as wheels do, but no name says which is which: {names}") if isinstance(gap, Gap) else gap for gap in gaps], motion

@@ -75,11 +75,11 @@ _TOKENS: dict[Word, str] = {
     Word.ENGINE: "eng engine mot ice vm nmot ems ecm ecu dme pcm crank cran crk kw nengine neng moteur cmm",
     Word.GEARBOX: "trn trans transm getr gearbox gbx gbox tcu tcm tcmu dct dsg gs egs tx at bv bva bvm ge dkg pdk edc",
     Word.CLUTCH: "clt clth clu clch clutch kup kuppl k1 k2 clt1 clt2 cl1 cl2 tc1 tc2 embr c1 c2",
-    Word.SHAFT: "shaft shft sft welle wel gw arbre axle",
-    Word.INPUT: "in inp input ip ain ein prim primary nin entree is prm",
-    Word.OUTPUT: "out outp output aout op aus ab sek sec secondary nout sortie os",
+    Word.SHAFT: "iss oss shaft shft sft welle wel gw arbre axle",
+    Word.INPUT: "iss in inp input ip ain ein prim primary nin entree is prm",
+    Word.OUTPUT: "oss out outp output aout op aus ab sek sec secondary nout sortie os",
     Word.TURBINE: "tc turb turbine nt wandler converter conv wk tcc",
-    Word.WHEEL: "whl wheel wheels rad raeder wss roue whlspd wspd vwhl nwhl",
+    Word.WHEEL: "whl wheel wheels rad raeder wss ws roue whlspd wspd vwhl nwhl",
     Word.VEHICLE: "veh vehicle fzg car fahrzeug vehv",
     Word.BRAKE: "brk brake braking brakes brems bremse brems bls br frein brkpdl mcp mcyl",
     Word.STEERING: "str steer steering strg lenk eps mdps lkas hca ste stg direction_assistee sas colmn column",
@@ -89,8 +89,8 @@ _TOKENS: dict[Word, str] = {
         "dosing wiper wash seat window radio radar acan opi cooling awd 4wd allrad lck lock hldc tpms tire tyre start"
     ),
     Word.PARKING: "park parking prk prkbrk epb handbrake hand feststell fbr hbr",
-    Word.SPEED: "spd speed rpm n nr vel velocity v w drehz drehzahl dz geschw nmot nin nout spdr rev revs wss omega vit",
-    Word.TORQUE: "trq torq torque tq tqi tqe mom moment md mi couple nm trqe tqr drehmoment moments tor",
+    Word.SPEED: "iss oss ws spd speed rpm n nr vel velocity v w drehz drehzahl dz geschw nmot nin nout spdr rev revs wss omega vit",
+    Word.TORQUE: "trq torq torque tq tqi tqe tqfr mom moment md mi couple nm trqe tqr drehmoment moments tor",
     Word.GEAR: "gear gang gr gea rapport gears actgear gearact",
     Word.LEVER: "lever lvr lev selector sel shifter prnd prndl waehlhebel wh gsm range fahrstufe sld",
     Word.POSITION: "pos posn position weg stellung travel stroke hub trvl",
@@ -140,8 +140,8 @@ _TOKENS: dict[Word, str] = {
 _STEMS: dict[Word, str] = {
     Word.ENGINE: "engine motor moteur crankshaft kurbelwelle",
     Word.GEARBOX: "getriebe gearbox transmission transaxle boite",
-    Word.CLUTCH: "clutch kupplung kuppl embrayage",
-    Word.SHAFT: "shaft welle arbre",
+    Word.CLUTCH: "clutch cltch kupplung kuppl embrayage",
+    Word.SHAFT: "iss oss shaft welle arbre",
     Word.INPUT: "eingang input antriebsw primaer",
     Word.OUTPUT: "abtrieb output ausgang sekundaer",
     Word.TURBINE: "turbin wandler converter",
@@ -154,7 +154,7 @@ _STEMS: dict[Word, str] = {
     Word.PARKING: "parkbrake handbrake feststell parking",
     Word.SPEED: "speed drehzahl drehz geschw velocity vitesse regime",
     Word.TORQUE: "torque moment",
-    Word.GEAR: "gear",
+    Word.GEAR: "gear zielgang istgang sollgang gangpos ganganz ganginfo gangstufe gangwahl gangziel fahrgang",
     Word.LEVER: "waehlhebel lever selector shifter fahrstufe",
     Word.POSITION: "position stellung",
     Word.PEDAL: "pedal",
@@ -179,7 +179,7 @@ _STEMS: dict[Word, str] = {
     Word.RATIO: "uebersetzung",
     Word.INDICATED: "indiziert indicated inneres combustion",
     Word.NET: "flywheel schwungrad",
-    Word.FRICTION: "friction verlust reibung schubmom schleppmom",
+    Word.FRICTION: "friction verlust reib schubmom schleppmom",
     Word.INERTIA: "traegheit inertia",
     Word.REFERENCE: "referenz reference nenndreh bezugsmom",
     Word.INTERVENTION: "eingriff interven",
@@ -229,6 +229,8 @@ def words(text: str) -> frozenset[Word]:
     for token in {*cut, *whole}:
         found |= _BY_TOKEN.get(token, set())
         found |= {word for stem, word in _BY_STEM if stem in token}
+    if Word.TORQUE in found and "fr" in cut:  # a wheel has no such torque
+        found.add(Word.FRICTION)
     return frozenset(found)
 
 
