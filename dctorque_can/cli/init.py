@@ -21,9 +21,13 @@ def init(
     dbc: Annotated[list[Path], typer.Option("--dbc", metavar="DBC", help="DBC of the car; or several.")],
     log: Annotated[
         list[Path] | None,
-        typer.Option("--log", metavar="LOG", help="Recording of a drive; or several. Without, hardly anything is sure."),
+        typer.Option(
+            "--log", metavar="LOG", help="Recording of a drive; or several. Without, hardly anything is sure."
+        ),
     ] = None,
-    ask: Annotated[bool, typer.Option("--ask", help="Ask on the terminal about each proposal that is not sure.")] = False,
+    ask: Annotated[
+        bool, typer.Option("--ask", help="Ask on the terminal about each proposal that is not sure.")
+    ] = False,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -40,7 +40,8 @@ def starter_table(starter: Starter, width: int) -> Table:
 def gap_lines(starter: Starter) -> list[str]:
     """Return what was not found, one line each, as markup."""
     lines = [
-        f"[{'red' if gap.needed else 'yellow'}]gap[/]: {escape(gap.key)}: {escape(gap.why)}" for gap in starter.gaps
+        f"[{'red' if gap.needed else 'yellow'}]gap[/]: {escape(gap.key)}: {escape(gap.why)}"
+        for gap in starter.gaps
     ]
     lines += [
         f"[yellow]gap[/]: {escape(each.key)}.{name}: not known"

@@ -18,9 +18,41 @@ NOMINAL_RADIUS_M = 0.31
 _NAME = re.compile(r"^[A-Za-z_]\w*\.[A-Za-z_]\w*$")  # that a vehicle file can name
 _NO_UNIT = {"", "-", "none", "unitless", "xxx", "tbd", "unit", "sed", "1", "raw", "unit_none"}
 _NO_VALUE = (
-    *("invalid", "unavail", "not avail", "notavail", "no value", "undefined", "unknown", "reserved", "fault", "error"),
-    *("sna", "fehler", "ungueltig", "nicht verfueg", "nichtverfueg", "init", "defekt", "unbekannt", "not used", "notused"),
-    *("not valid", "notvalid", "unplausib", "not_avail", "not_valid", "failure", "signal not", "no signal", "indispon"),
+    *(
+        "invalid",
+        "unavail",
+        "not avail",
+        "notavail",
+        "no value",
+        "undefined",
+        "unknown",
+        "reserved",
+        "fault",
+        "error",
+    ),
+    *(
+        "sna",
+        "fehler",
+        "ungueltig",
+        "nicht verfueg",
+        "nichtverfueg",
+        "init",
+        "defekt",
+        "unbekannt",
+        "not used",
+        "notused",
+    ),
+    *(
+        "not valid",
+        "notvalid",
+        "unplausib",
+        "not_avail",
+        "not_valid",
+        "failure",
+        "signal not",
+        "no signal",
+        "indispon",
+    ),
 )
 _SPECIAL_ABBREVIATIONS = {"na", "n/a", "snv", "sna", "err", "inv", "nv", "inval"}
 

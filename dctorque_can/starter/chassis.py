@@ -23,7 +23,16 @@ BRAKE = Rule(
     likes=frozenset({Word.ACTIVE, Word.PEDAL, Word.PRESSURE}),
     against=frozenset(
         {
-            *(Word.PARKING, Word.TARGET, Word.LIMIT, Word.RATE, Word.STEERING, Word.WHEEL, Word.INTERVENTION, Word.CLUTCH),
+            *(
+                Word.PARKING,
+                Word.TARGET,
+                Word.LIMIT,
+                Word.RATE,
+                Word.STEERING,
+                Word.WHEEL,
+                Word.INTERVENTION,
+                Word.CLUTCH,
+            ),
             *(Word.ENGINE, Word.ACCELERATION, Word.SPEED, Word.GEAR, Word.ACCESSORY, Word.TORQUE),
         }
     ),
@@ -34,16 +43,23 @@ ACCELERATION = Rule(
     Dimension.ACCELERATION,
     needs=[(frozenset({Word.LONGITUDINAL}), 1.5), (frozenset({Word.ACCELERATION}), 0.7)],
     likes=frozenset({Word.ACTUAL}),
-    against=frozenset({*(Word.LATERAL, Word.TARGET, Word.LIMIT, Word.RATE, Word.PEDAL, Word.DRIVER, Word.FILTERED)}),
+    against=frozenset(
+        {*(Word.LATERAL, Word.TARGET, Word.LIMIT, Word.RATE, Word.PEDAL, Word.DRIVER, Word.FILTERED)}
+    ),
 )
 GRADE = Rule(
     Dimension.ANGLE,
     needs=[(frozenset({Word.GRADE}), 2.5)],
-    against=frozenset({*(Word.STEERING, Word.LATERAL, Word.TARGET, Word.LIMIT, Word.PEDAL, Word.RATE, Word.LIGHT)}),
+    against=frozenset(
+        {*(Word.STEERING, Word.LATERAL, Word.TARGET, Word.LIMIT, Word.PEDAL, Word.RATE, Word.LIGHT)}
+    ),
 )
 DIRECTION = Rule(
     Dimension.AS_IS,
-    needs=[(frozenset({Word.DIRECTION}), 1.0), (frozenset({Word.WHEEL, Word.VEHICLE, Word.SPEED, Word.DRIVER}), 1.0)],
+    needs=[
+        (frozenset({Word.DIRECTION}), 1.0),
+        (frozenset({Word.WHEEL, Word.VEHICLE, Word.SPEED, Word.DRIVER}), 1.0),
+    ],
     against=frozenset({*(Word.STEERING, Word.LEVER, Word.LIGHT, Word.TORQUE, Word.TARGET, Word.GEAR)}),
     bits=(1, 4),
 )
@@ -57,7 +73,9 @@ _WAYS = {
 
 def find_brake(material: Material, motion: Motion | None) -> Proposal | Gap:
     """Return a measure of braking."""
-    candidates = [_brake_judged(material, c, motion) for c in material.candidates(BRAKE) if not wheel_of(c.entry.signal.name)]
+    candidates = [
+        _brake_judged(material, c, motion) for c in material.candidates(BRAKE) if not wheel_of(c.entry.signal.name)
+    ]
     return chosen("inputs.brake", candidates, with_log=material.recording is not None) or gap(
         "inputs.brake", "no measure of braking was found", candidates
     )
@@ -83,7 +101,9 @@ def _brake_judged(material: Material, candidate: Candidate, motion: Motion | Non
         on_m_s2 = braked.mean() * NOMINAL_RADIUS_M
         why = f"the log: slows down in {slowed:.0%} of the time that it is set, by {-on_m_s2:.1f} m/s² on average"
         return replace(candidate, verdict=Verdict("agrees", why))
-    return replace(candidate, verdict=Verdict("nothing", f"the log: slows down in {slowed:.0%} of the time that it is set"))
+    return replace(
+        candidate, verdict=Verdict("nothing", f"the log: slows down in {slowed:.0%} of the time that it is set")
+    )
 
 
 def find_acceleration(material: Material, motion: Motion | None) -> Proposal | Gap:
@@ -130,12 +150,16 @@ def _grade_judged(
         return candidate
     if motion is None or not isinstance(acceleration, Proposal) or not material.lives(acceleration.entry):
         return replace(candidate, verdict=Verdict("nothing", "the log has no acceleration to hold it against"))
-    sensed = material.recording.on_grid(acceleration.entry) * (acceleration.entry.factor(Dimension.ACCELERATION) or 1.0)
+    sensed = material.recording.on_grid(acceleration.entry) * (
+        acceleration.entry.factor(Dimension.ACCELERATION) or 1.0
+    )
     tilt: Floats = (sensed - motion.acceleration * NOMINAL_RADIUS_M) / STANDARD_GRAVITY
     grade = material.recording.on_grid(candidate.entry) * (candidate.entry.factor(Dimension.ANGLE) or 1.0)
     goes = correlation(grade, tilt, motion.moving)
     if goes < -0.4:
-        return replace(candidate, verdict=Verdict("contradicts", f"the log: of the other sign (correlation {goes:.2f})"))
+        return replace(
+            candidate, verdict=Verdict("contradicts", f"the log: of the other sign (correlation {goes:.2f})")
+        )
     why = f"the log: goes with acceleration less change of speed (correlation {goes:.2f})"
     return replace(candidate, verdict=Verdict("agrees", why, 1.0) if goes > 0.5 else Verdict("nothing"))
 
@@ -180,9 +204,15 @@ def _direction_judged(
     grid = material.recording.on_grid(candidate.entry)
     raw = np.round((grid - candidate.entry.layout.offset) / candidate.entry.layout.scale)
     here = motion.moving & np.isfinite(raw)
-    forward = float(np.isin(raw[here], [r for r, way in table.items() if way == "forward"]).mean()) if here.any() else 0.0
+    forward = (
+        float(np.isin(raw[here], [r for r, way in table.items() if way == "forward"]).mean())
+        if here.any()
+        else 0.0
+    )
     if forward < 0.5:
-        return replace(candidate, verdict=Verdict("contradicts", f"the log: forward in {forward:.0%} of the driving"))
+        return replace(
+            candidate, verdict=Verdict("contradicts", f"the log: forward in {forward:.0%} of the driving")
+        )
     return replace(candidate, verdict=Verdict("agrees", f"the log: forward in {forward:.0%} of the driving", 0.5))
 
 

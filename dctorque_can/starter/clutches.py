@@ -17,7 +17,19 @@ from dctorque_can.starter.torques import Locked, clutch_verdict, find_clutch_tor
 from dctorque_can.starter.words import Word, number_of, plain
 
 _OTHER = frozenset(
-    {*(Word.PEDAL, Word.TORQUE, Word.SPEED, Word.GEAR, Word.TARGET, Word.DRIVER, Word.LIMIT, Word.RATE, Word.ACCESSORY)}
+    {
+        *(
+            Word.PEDAL,
+            Word.TORQUE,
+            Word.SPEED,
+            Word.GEAR,
+            Word.TARGET,
+            Word.DRIVER,
+            Word.LIMIT,
+            Word.RATE,
+            Word.ACCESSORY,
+        )
+    }
 )
 POSITION = Rule(
     Dimension.AS_IS,
@@ -33,7 +45,9 @@ STATE = Rule(
     against=_OTHER,
     bits=(1, 4),
 )
-_OF_AN_ACTUATOR = re.compile(r"m?m|um|%|percent|unit_percent|m?bar|[kmh]?pa|deg|degrees?|inc|steps?|digit|unit_bar|unit_millimete")
+_OF_AN_ACTUATOR = re.compile(
+    r"m?m|um|%|percent|unit_percent|m?bar|[kmh]?pa|deg|degrees?|inc|steps?|digit|unit_bar|unit_millimete"
+)
 _STATES = {
     "open": ("open", "offen", "disengag", "released", "geoeffnet", "not engaged", "ouvert"),
     "slipping": ("slip", "schlupf", "schleif", "partial", "engaging", "transition", "regel", "micro", "glisse"),
@@ -56,7 +70,9 @@ class ClutchFindings:
     commands: list[Proposal]
 
 
-def driving_clutch(shafts: list[Floats], engine: Floats | None, gear: Floats | None, motion: Motion | None) -> Floats | None:
+def driving_clutch(
+    shafts: list[Floats], engine: Floats | None, gear: Floats | None, motion: Motion | None
+) -> Floats | None:
     """Return which clutch drives, 1 or 2, on the grid, NaN where not known; None where nothing tells.
 
     By the shaft that turns with the engine; without two shafts by the gear: odd gears are on shaft 1.
@@ -77,7 +93,9 @@ def driving_clutch(shafts: list[Floats], engine: Floats | None, gear: Floats | N
     return None
 
 
-def find_clutches(material: Material, drives: Floats | None, locked: Locked | None, motion: Motion | None) -> ClutchFindings:
+def find_clutches(
+    material: Material, drives: Floats | None, locked: Locked | None, motion: Motion | None
+) -> ClutchFindings:
     """Return what tells of the clutches: positions before torques before a state; "none" if nothing does."""
     torques = find_clutch_torques(material, drives)
     positions = _positions(material, drives)
@@ -149,7 +167,9 @@ def _state(material: Material, locked: Locked | None, motion: Motion | None) -> 
     return replace(proposal, fields={"values": values}, why=(*proposal.why, why))
 
 
-def _state_judged(material: Material, candidate: Candidate, locked: Locked | None, motion: Motion | None) -> Candidate:
+def _state_judged(
+    material: Material, candidate: Candidate, locked: Locked | None, motion: Motion | None
+) -> Candidate:
     if material.recording is None or not open_verdict(candidate):
         return candidate
     if locked is None or motion is None:
@@ -159,9 +179,13 @@ def _state_judged(material: Material, candidate: Candidate, locked: Locked | Non
     closed = _is_state(material, candidate.entry, values, "closed")
     goes = correlation(closed, locked.where.astype(np.float64), motion.moving)
     if goes > 0.3 and len(seen) > 1:
-        return replace(candidate, verdict=Verdict("agrees", f"the log: closed where ratios last (correlation {goes:.2f})"))
+        return replace(
+            candidate, verdict=Verdict("agrees", f"the log: closed where ratios last (correlation {goes:.2f})")
+        )
     if goes < 0.05:
-        return replace(candidate, verdict=Verdict("contradicts", f"the log: not closed where ratios last ({goes:.2f})"))
+        return replace(
+            candidate, verdict=Verdict("contradicts", f"the log: not closed where ratios last ({goes:.2f})")
+        )
     return replace(candidate, verdict=Verdict("nothing"))
 
 
@@ -196,5 +220,8 @@ def _state_values(
             continue
         holds, rests = float(locked.where[here].mean()), float(motion.resting[here].mean())
         found[value] = "closed" if holds > 0.5 else "open" if rests > 0.5 else "slipping"
-    return (found, "values: by when each comes in the log: driving at a lasting ratio, at rest, or between") if len(set(found.values())) > 1 else ({}, "")
-
+    return (
+        (found, "values: by when each comes in the log: driving at a lasting ratio, at rest, or between")
+        if len(set(found.values())) > 1
+        else ({}, "")
+    )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -57,9 +57,40 @@ def _laxly(path: Path) -> Loaded:
         return load_with_remarks([DatabaseFile(path, strict=False)], _NOTHING)
 
 
-def join(dbcs: Sequence[Dbc]) -> Loaded:
-    """Return one database of all messages; of two that contradict each other the first, with a remark."""
-    return joined_databases([(each.path, each.database) for each in dbcs], _NOTHING)
+def join(dbcs: Sequence[Dbc], channels: Mapping[int, int]) -> Loaded:
+    """Return one database of all messages; of two that contradict each other the first, with a remark.
+
+    Args:
+        dbcs: of the car.
+        channels: by number of the DBC, of `own_channels`.
+    """
+    on = [channels.get(number) for number in range(len(dbcs))]
+    return joined_databases([(each.path, each.database) for each in dbcs], _NOTHING, on)
+
+
+def own_channels(dbcs: Sequence[Dbc], frames: Frames | None) -> dict[int, int]:
+    """Return the channel of each DBC, where two share an identifier and the log has several channels; else {}.
+
+    Each gets the channel on which most of its identifiers came, the most complete one first, no two the same.
+    """
+    ids = [{identifier(message) for message in dbc.database.messages} for dbc in dbcs]
+    shared = any(first & second for k, first in enumerate(ids) for second in ids[:k])
+    if frames is None or not shared:
+        return {}
+    seen = {
+        int(channel): set(np.unique(frames.can_id[frames.channel == channel]).tolist())
+        for channel in np.unique(frames.channel)
+    }
+    shares = [
+        (len(own & here) / max(len(own), 1), -number, -channel)
+        for number, own in enumerate(ids)
+        for channel, here in seen.items()
+    ]
+    found: dict[int, int] = {}
+    for share, number, channel in sorted(shares, reverse=True):
+        if share > 0.0 and -number not in found and -channel not in found.values():
+            found[-number] = -channel
+    return found if len(found) == len(dbcs) else {}
 
 
 @dataclass(frozen=True)
@@ -75,10 +106,11 @@ class Addresses:
     j1939: frozenset[int]
 
 
-def addresses(dbcs: Sequence[Dbc], frames: Frames | None) -> Addresses:
-    """Return by what the messages of 29 bits are known: by their J1939 number, where DBC or log say so.
+def addresses(dbcs: Sequence[Dbc], frames: Frames | None, channels: Mapping[int, int]) -> Addresses:
+    """Return by what messages are known, where that is not their identifier on any channel.
 
-    The log says it where none of a DBC's identifiers came, but some of its numbers did.
+    Those of 29 bits are known by their J1939 number, where DBC or log say so. The log says it where none of a DBC's
+    identifiers came, but some of its numbers did.
     """
     seen = np.unique(frames.can_id) if frames is not None else np.zeros(0, np.uint32)
     by_name: dict[str, Address] = {}
@@ -92,5 +124,7 @@ def addresses(dbcs: Sequence[Dbc], frames: Frames | None) -> Addresses:
             if not exact and groups & {each & group_mask(each) for each in seen.tolist()}:
                 told = extended
                 untold.add(number)
-        by_name |= j1939_addresses(told, {})
+        known = {m.name: Address(identifier(m)) for m in dbc.database.messages if number in channels}
+        known |= j1939_addresses(told, {})
+        by_name |= {name: replace(each, channel=channels.get(number)) for name, each in known.items() if name not in by_name}
     return Addresses(by_name, frozenset(untold))

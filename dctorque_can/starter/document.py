@@ -62,7 +62,12 @@ def _comment(texts: Iterable[str], indent: int) -> list[str]:
     pad = " " * indent + "# "
     for text in texts:
         lines += textwrap.wrap(
-            " ".join(text.split()), _WIDTH, initial_indent=pad, subsequent_indent=pad + "  ", break_long_words=False, break_on_hyphens=False
+            " ".join(text.split()),
+            _WIDTH,
+            initial_indent=pad,
+            subsequent_indent=pad + "  ",
+            break_long_words=False,
+            break_on_hyphens=False,
         )
     return lines
 
@@ -88,14 +93,20 @@ def _vehicle(starter: Starter) -> list[str]:
     ]
     if starter.ratios:
         what = f"ratio times final drive as the log has it, if the wheels have {NOMINAL_RADIUS_M} m and send their road speed"
-        lines += _comment([f"{what}: " + ", ".join(f"{gear}: {ratio:.2f}" for gear, ratio in starter.ratios.items())], 2)
+        lines += _comment(
+            [f"{what}: " + ", ".join(f"{gear}: {ratio:.2f}" for gear, ratio in starter.ratios.items())], 2
+        )
     lines.append("  # gears:")
     lines += [f"  #   {gear}: {{shaft: {2 - gear % 2}, ratio: 0.0, final_drive: 0.0}}" for gear in gears]
     return [*lines, "  #   R: {shaft: 2, ratio: 0.0, final_drive: 0.0}"]
 
 
 def _gears_of(starter: Starter) -> set[int]:
-    found = [p.fields.get("values") or {} for p in starter.proposals if p.key.startswith("gears.") and "shift" not in p.key]
+    found = [
+        p.fields.get("values") or {}
+        for p in starter.proposals
+        if p.key.startswith("gears.") and "shift" not in p.key
+    ]
     return {gear for values in found for gear in values.values()}
 
 
@@ -197,7 +208,13 @@ def key_fields(starter: Starter, proposal: Proposal) -> dict[str, Any]:
         fields["values"] = _values(proposal.key, given.pop("values"))
     if "sum" not in fields:
         fields |= _special(starter, entry, measured)
-    timeouts = [t for each in proposal.entries if "times" not in fields or each is not proposal.extra[-1] for t in [starter.timeout_ms(each)] if t]
+    timeouts = [
+        t
+        for each in proposal.entries
+        if "times" not in fields or each is not proposal.extra[-1]
+        for t in [starter.timeout_ms(each)]
+        if t
+    ]
     if timeouts:
         fields["timeout_ms"] = max(timeouts)
     return fields | given
@@ -222,7 +239,10 @@ def _protection(starter: Starter) -> list[str]:
         if found.message in used:
             lines += _comment([f"{found.level}: {'; '.join(found.why)}"], 2)
             line = f"  {found.message}: {_flow(found.fields)}"
-            block = [f"  {found.message}:", *(f"    {name}: {_flow(value)}" for name, value in found.fields.items())]
+            block = [
+                f"  {found.message}:",
+                *(f"    {name}: {_flow(value)}" for name, value in found.fields.items()),
+            ]
             lines += [line] if len(line) <= _WIDTH else block
     for message, why in starter.unprotected.items():
         if message in used:

@@ -20,11 +20,14 @@ _ORDINALS = (
 )
 _NEUTRAL = re.compile(r"\b(n|p|neutral|park|parking|leerlauf|no gear|kein gang|idle|np|p n|n p|nogear)\b")
 _CHANGING = re.compile(r"chang|in progress|shifting|wechsel|schalt|transition|intermediate|between")
-_REVERSE = re.compile(r"\b(r|rev|reverse|rueckwaerts\w*|backward|rg|reversegear|marche arriere|r gang)\b|rueckwaerts|reverse")
+_REVERSE = re.compile(
+    r"\b(r|rev|reverse|rueckwaerts\w*|backward|rg|reversegear|marche arriere|r gang)\b|rueckwaerts|reverse"
+)
 _FORWARD = re.compile(r"(?<![\d.])(?:gear|gang|g|d|m|s)?[ _]?0?(1[0-5]|[1-9])(?:st|nd|rd|th)?(?![\d.])")
 _SHORTEST_STEPS = 20
 _AFTER_STEPS, _LATE_STEPS = 10, 25  # of 20 ms
 _TIGHT, _APART = 0.03, 0.05
+_LASTS = 0.25  # of the driving at a value, in which the ratio lasts: in neutral a shaft drifts
 _LOWEST, _STEP = (9.0, 24.0), (1.08, 1.9)
 
 
@@ -82,17 +85,23 @@ class RatioByValue:
 def ratio_by_value(raw: Floats, ratio: Floats, locked: Mask) -> RatioByValue:
     """Return which ratio each raw value (``[n]``, NaN where none) goes with while a clutch holds."""
     usable = locked & np.isfinite(raw) & np.isfinite(ratio)
-    ratios: dict[int, float] = {}
+    found: dict[int, tuple[float, int]] = {}
     fitting = 0
     for value in np.unique(raw[usable]):
-        own = ratio[usable & (raw == value)]
+        here = raw == value
+        own = ratio[usable & here]
         if len(own) < _SHORTEST_STEPS:
             continue
         usual = float(np.median(own))
-        near = np.abs(own - usual) < _TIGHT * usual
-        fitting += int(near.sum())
-        if near.mean() > 0.6:
-            ratios[int(value)] = usual
+        near = int((np.abs(own - usual) < _TIGHT * usual).sum())
+        fitting += near
+        if near > 0.6 * len(own) and len(own) > _LASTS * int((here & np.isfinite(ratio)).sum()):
+            found[int(value)] = (usual, len(own))
+    ratios = {
+        value: usual
+        for value, (usual, count) in found.items()
+        if not any(abs(usual / other - 1.0) < _APART and count < more for other, more in found.values())
+    }
     return RatioByValue(ratios, fitting / max(int(usable.sum()), 1))
 
 
@@ -108,7 +117,11 @@ def numbered(ratios: Sequence[float]) -> list[int]:
     """
     order = sorted(range(len(ratios)), key=lambda k: -ratios[k])
     steps = [ratios[a] / ratios[b] for a, b in zip(order, order[1:], strict=False)]
-    if len(order) < 2 or not _LOWEST[0] < ratios[order[0]] < _LOWEST[1] or not all(_STEP[0] < s < _STEP[1] for s in steps):
+    if (
+        len(order) < 2
+        or not _LOWEST[0] < ratios[order[0]] < _LOWEST[1]
+        or not all(_STEP[0] < s < _STEP[1] for s in steps)
+    ):
         return []
     numbers = [0] * len(order)
     for number, k in enumerate(order, 1):
@@ -154,7 +167,9 @@ def meaning_of(entry: Entry, ratios: Mapping[int, float], numbers: Mapping[int, 
         zero = round((0.0 - offset) / scale)
         if entry.layout.raw_range[0] <= zero <= entry.layout.raw_range[1]:
             values.setdefault(zero, NEUTRAL)
-        return Meaning(values, f"no value table; the values are the numbers of the gears by their ratios ({listed})", True)
+        return Meaning(
+            values, f"no value table; the values are the numbers of the gears by their ratios ({listed})", True
+        )
     if not rises:
         return None
     return Meaning(values, f"no value table; numbered by their ratios, engine to wheels ({listed})", False)
@@ -171,7 +186,11 @@ def without_reverse(ratios: Mapping[int, float], raw: Floats) -> dict[int, float
     for suspect in order[:2]:
         goes_on = any(suspect in pair and order[2] in pair for pair in pairs)
         other = order[1] if suspect == order[0] else order[0]
-        if not goes_on and any(other in pair and order[2] in pair for pair in pairs) and ratios[order[0]] < 1.3 * ratios[order[1]]:
+        if (
+            not goes_on
+            and any(other in pair and order[2] in pair for pair in pairs)
+            and ratios[order[0]] < 1.3 * ratios[order[1]]
+        ):
             return {value: ratio for value, ratio in ratios.items() if value != suspect}
     return dict(ratios)
 
@@ -190,9 +209,11 @@ def gears_reached(raw: Floats, gear: Floats) -> tuple[dict[int, int], float]:
     comes = np.flatnonzero(np.isfinite(gear) & (gear > 0) & (gear != np.roll(gear, 1)))
     reached: dict[int, list[int]] = {}
     for first, end in zip(begins, [*begins[1:], len(raw)], strict=True):
-        inside = comes[(comes > first + _AFTER_STEPS) & (comes <= end + _LATE_STEPS)]
-        if len(inside):
-            reached.setdefault(int(raw[first]), []).append(int(gear[inside[-1]]))
+        inside = comes[(comes > first + _AFTER_STEPS) & (comes <= end)]
+        after = comes[(comes > end) & (comes <= end + _LATE_STEPS)]
+        if len(inside) or len(after):
+            at = inside[-1] if len(inside) else after[0]
+            reached.setdefault(int(raw[first]), []).append(int(gear[at]))
     found = {value: max(sorted(set(each)), key=each.count) for value, each in reached.items()}
     cases = [(value, each) for value, several in reached.items() for each in several]
     share = sum(found[value] == each for value, each in cases) / len(cases) if cases else 0.0

@@ -29,8 +29,26 @@ from dctorque_can.starter.words import Word, number_of
 
 _NO_GEAR = frozenset(
     {
-        *(Word.LEVER, Word.LIMIT, Word.RATIO, Word.SHIFT, Word.TORQUE, Word.SPEED, Word.ACCELERATION, Word.DIRECTION),
-        *(Word.PRESSURE, Word.PEDAL, Word.BRAKE, Word.WHEEL, Word.STEERING, Word.ACCESSORY, Word.PARKING, Word.LIGHT),
+        *(
+            Word.LEVER,
+            Word.LIMIT,
+            Word.RATIO,
+            Word.SHIFT,
+            Word.TORQUE,
+            Word.SPEED,
+            Word.ACCELERATION,
+            Word.DIRECTION,
+        ),
+        *(
+            Word.PRESSURE,
+            Word.PEDAL,
+            Word.BRAKE,
+            Word.WHEEL,
+            Word.STEERING,
+            Word.ACCESSORY,
+            Word.PARKING,
+            Word.LIGHT,
+        ),
     }
 )
 ACTUAL = Rule(
@@ -49,7 +67,9 @@ TARGET = Rule(
 SHIFTING = Rule(
     Dimension.AS_IS,
     needs=[(frozenset({Word.SHIFT}), 2.0), (frozenset({Word.ACTIVE, Word.GEAR, Word.STATE, Word.SHIFT}), 0.5)],
-    against=frozenset({Word.LEVER, Word.TARGET, Word.LIMIT, Word.DISPLAY, Word.DRIVER, Word.LIGHT, Word.SHAFT, Word.TORQUE}),
+    against=frozenset(
+        {Word.LEVER, Word.TARGET, Word.LIMIT, Word.DISPLAY, Word.DRIVER, Word.LIGHT, Word.SHAFT, Word.TORQUE}
+    ),
     bits=(1, 3),
     must=False,
 )
@@ -93,7 +113,10 @@ def find_gears(
     proposal = _chosen(material, judge, "gears.actual", actual)
     gear = judge.gears(proposal.entry) if proposal is not None and material.lives(proposal.entry) else None
     numbers_sure = proposal is not None and judge.meaning(proposal.entry).sure
-    target = [judge.judged(c) if gear is None else judge.follows(c, gear, numbers_sure) for c in _gear_like(material, TARGET)]
+    target = [
+        judge.judged(c) if gear is None else judge.follows(c, gear, numbers_sure)
+        for c in _gear_like(material, TARGET)
+    ]
     others = [c for c in target if proposal is None or c.entry.name != proposal.entry.name]
     wanted = _chosen(material, judge, "gears.target", others)
     if proposal is None and wanted is not None:
@@ -101,7 +124,10 @@ def find_gears(
         proposal = replace(wanted, key="gears.actual", level="guess", merit=0.5, why=(*wanted.why, why))
         wanted = None
     if proposal is None:
-        none: list[Proposal | Gap] = [gap("gears.actual", "no gear was found", actual, needed=True), _shifting(material, None)]
+        none: list[Proposal | Gap] = [
+            gap("gears.actual", "no gear was found", actual, needed=True),
+            _shifting(material, None),
+        ]
         return GearFindings("", none, None, {})
     if wanted is not None:
         proposal, wanted = _who_leads(material, judge, proposal, wanted)
@@ -109,7 +135,9 @@ def find_gears(
     gear = judge.gears(proposal.entry) if material.lives(proposal.entry) else None
     found.append(_shifting(material, gear))
     values = judge.values(proposal.entry)
-    ratios = {values[raw]: ratio for raw, ratio in judge.ratio(proposal.entry).ratios.items() if values.get(raw, 0) > 0}
+    ratios = {
+        values[raw]: ratio for raw, ratio in judge.ratio(proposal.entry).ratios.items() if values.get(raw, 0) > 0
+    }
     return GearFindings("gearbox", found, gear, dict(sorted(ratios.items())))
 
 
@@ -119,7 +147,9 @@ def _chosen(material: Material, judge: _Judge, key: str, candidates: list[Candid
         return None
     meaning = judge.meaning(proposal.entry)
     level: Level = proposal.level if meaning.sure or proposal.level == "guess" else "likely"
-    return replace(proposal, level=level, why=(*proposal.why, meaning.why), fields={"values": meaning.values or None})
+    return replace(
+        proposal, level=level, why=(*proposal.why, meaning.why), fields={"values": meaning.values or None}
+    )
 
 
 def _gear_like(material: Material, rule: Rule) -> list[Candidate]:
@@ -241,7 +271,9 @@ def _of_shafts(
         return []
     best = [max(each, key=lambda c: c.merit).entry for each in of_shaft]
     if motion is not None and motion.drives and len(shafts) == 2:
-        judge.take_shafts(best, [_shaft_ratios(judge.raw(e), s, motion) for e, s in zip(best, shafts, strict=True)])
+        judge.take_shafts(
+            best, [_shaft_ratios(judge.raw(e), s, motion) for e, s in zip(best, shafts, strict=True)]
+        )
     found = []
     for n, mine in enumerate(of_shaft, 1):
         judged = [replace(c, verdict=_shaft_gear_verdict(material, judge, c.entry)) for c in mine]
@@ -283,9 +315,7 @@ def _by_parity(judge: _Judge, found: list[Proposal]) -> list[Proposal]:
     return found
 
 
-def _who_leads(
-    material: Material, judge: _Judge, actual: Proposal, target: Proposal
-) -> tuple[Proposal, Proposal]:
+def _who_leads(material: Material, judge: _Judge, actual: Proposal, target: Proposal) -> tuple[Proposal, Proposal]:
     """Return actual and target gear; doubtful where the log has the target follow the actual one."""
     if not (material.lives(actual.entry) and material.lives(target.entry)):
         return actual, target
@@ -293,7 +323,9 @@ def _who_leads(
     if not np.isfinite(lead_s):
         return actual, target
     if lead_s > -_AHEAD_S:
-        return actual, replace(target, why=(*target.why, f"the log: {max(lead_s, 0.0):.1f} s ahead of the actual gear"))
+        return actual, replace(
+            target, why=(*target.why, f"the log: {max(lead_s, 0.0):.1f} s ahead of the actual gear")
+        )
     why = f"the log: {actual.entry.name} changes {-lead_s:.1f} s before {target.entry.name}: is it the target?"
     lower: Level = "likely"
     return (
@@ -307,7 +339,9 @@ def _lead_s(first: Floats, second: Floats) -> float:
     changes = [_changes(gear) for gear in (first, second)]
     ahead = []
     for at, gear in changes[0]:
-        near = [(other - at) * STEP_S for other, g in changes[1] if g == gear and abs(other - at) * STEP_S < _WITHIN_S]
+        near = [
+            (other - at) * STEP_S for other, g in changes[1] if g == gear and abs(other - at) * STEP_S < _WITHIN_S
+        ]
         if near:
             ahead.append(min(near, key=abs))
     return float(np.median(ahead)) if len(ahead) >= 3 else float("nan")
@@ -357,7 +391,11 @@ def _flag_judged(material: Material, candidate: Candidate, gear: Floats | None) 
     hit = float(np.mean([on[max(at - _NEAR_STEPS, 0) : at + _NEAR_STEPS].any() for at in changes]))
     share = float(on.mean())
     if hit > 0.8 and share < 0.4:
-        return replace(candidate, verdict=Verdict("agrees", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"))
-    return replace(candidate, verdict=Verdict("contradicts", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"))
-
-
+        return replace(
+            candidate,
+            verdict=Verdict("agrees", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"),
+        )
+    return replace(
+        candidate,
+        verdict=Verdict("contradicts", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"),
+    )

@@ -120,7 +120,9 @@ def ranked(candidates: Sequence[Candidate]) -> list[Candidate]:
     return sorted((each for each in candidates if each.merit >= GUESS), key=lambda each: -each.merit)
 
 
-def chosen(key: str, candidates: Sequence[Candidate], *, with_log: bool, at_most: Level = "sure") -> Proposal | None:
+def chosen(
+    key: str, candidates: Sequence[Candidate], *, with_log: bool, at_most: Level = "sure"
+) -> Proposal | None:
     """Return the best candidate as a proposal; None where none is worth it.
 
     It is sure only if its name is clear, its unit is told, the log agrees, and no other one is nearly as good.

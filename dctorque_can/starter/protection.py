@@ -85,7 +85,10 @@ def find_protection(entries: Sequence[Entry], recording: Recording | None) -> Pr
         more = f"no known kind of checksum fits {', '.join(lives)}" if lives else "no checksum"
         named = any(Word.COUNTER in e.own for e in counter.signals)
         return ProtectionFound(
-            message.name, "sure" if named and counter.share > 0.99 else "likely", _counter_fields(counter), (_counter_why(counter), more)
+            message.name,
+            "sure" if named and counter.share > 0.99 else "likely",
+            _counter_fields(counter),
+            (_counter_why(counter), more),
         )
     lives = [e.signal.name for e in called if len(np.unique(e.layout.read_raw(payloads))) > 1]
     return f"{', '.join(lives)}: no known checksum or counter fits the log" if lives else ""
@@ -121,7 +124,15 @@ def _counter(entries: Sequence[Entry], data: NDArray[np.uint8]) -> _Counter | No
     pairs = [(low[0], high[0])] if len(low) == len(high) == 1 else []
     found = [c for signals in (*pairs, *single) if (c := _stepping(signals, data)) is not None]
     found = [c for c in found if any(Word.COUNTER in e.own for e in c.signals) or c.share > 0.98]
-    return min(found, key=lambda c: (not any(Word.COUNTER in e.own for e in c.signals), -len(c.signals), len(c.signals[0].signal.name)), default=None)
+    return min(
+        found,
+        key=lambda c: (
+            not any(Word.COUNTER in e.own for e in c.signals),
+            -len(c.signals),
+            len(c.signals[0].signal.name),
+        ),
+        default=None,
+    )
 
 
 def _stepping(signals: tuple[Entry, ...], data: NDArray[np.uint8]) -> _Counter | None:
@@ -223,7 +234,11 @@ def _sent(crc: tuple[Entry, ...], data: NDArray[np.uint8]) -> NDArray[np.uint64]
 
 
 def _trials(
-    entries: Sequence[Entry], crc: tuple[Entry, ...], counter: _Counter | None, few: Payloads, sent: NDArray[np.uint64]
+    entries: Sequence[Entry],
+    crc: tuple[Entry, ...],
+    counter: _Counter | None,
+    few: Payloads,
+    sent: NDArray[np.uint64],
 ) -> Iterator[Protection]:
     """Yield protections that fit some frames."""
     message = entries[0].message
@@ -233,11 +248,17 @@ def _trials(
         crc_signal=crc[0].signal.name,
         crc_high_signal=crc[1].signal.name if len(crc) > 1 else "",
         counter_signal=counter.signals[0].signal.name if counter is not None else "",
-        counter_high_signal=counter.signals[1].signal.name if counter is not None and len(counter.signals) > 1 else "",
+        counter_high_signal=counter.signals[1].signal.name
+        if counter is not None and len(counter.signals) > 1
+        else "",
         counter_modulus=counter.modulus if counter is not None else 16,
     )
     for declared in _declared(entries):
-        if declared.crc in KINDS and declared.crc_signal == base.crc_signal and _fits(message, declared, few, sent):
+        if (
+            declared.crc in KINDS
+            and declared.crc_signal == base.crc_signal
+            and _fits(message, declared, few, sent)
+        ):
             yield declared
     fitting = [
         replace(base, crc=name)
@@ -260,7 +281,11 @@ def _of_kind(
     elif kind.beside is Coverage.IDS_BY_COUNTER:
         yield from _profile_2(base, entries, few, sent)
     elif kind.data_id_bits and kind.beside in (Coverage.DATA_ID_BEHIND, Coverage.DATA_ID_BEHIND_HIGH_FIRST):
-        yield from (p for p in (replace(base, data_id=each) for each in _data_ids_of_16(base, message, few, sent)) if _fits(message, p, few, sent))
+        yield from (
+            p
+            for p in (replace(base, data_id=each) for each in _data_ids_of_16(base, message, few, sent))
+            if _fits(message, p, few, sent)
+        )
     elif kind.data_id_at is not None:
         yield from _from_header(base, entries, few, sent)
     else:
@@ -293,9 +318,7 @@ def _fits(message: Any, protection: Protection, few: Payloads, sent: NDArray[np.
     return float((checksums(message, protection, few) == sent).mean()) >= _FITS - 0.03
 
 
-def _other_starts(
-    base: Protection, message: Any, few: Payloads, sent: NDArray[np.uint64]
-) -> Iterator[Protection]:
+def _other_starts(base: Protection, message: Any, few: Payloads, sent: NDArray[np.uint64]) -> Iterator[Protection]:
     """Yield the kind with another start, where one makes all fit: its end is then 0."""
     two = Payloads(few.data[:2], few.counter[:2])
     for start in range(1 << KINDS[base.crc].bits):
@@ -328,7 +351,11 @@ def _alternating(base: Protection, message: Any, few: Payloads, sent: NDArray[np
         part, wanted = Payloads(few.data[rows], few.counter[rows]), sent[rows]
         if len(rows) < 3:
             return
-        found = [b for b in range(256) if _fits(message, replace(base, data_id=b << 8 * odd, data_id_mode="alternating"), part, wanted)]
+        found = [
+            b
+            for b in range(256)
+            if _fits(message, replace(base, data_id=b << 8 * odd, data_id_mode="alternating"), part, wanted)
+        ]
         if not found:
             return
         parts.append(found[0])

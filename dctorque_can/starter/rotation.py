@@ -17,8 +17,26 @@ from dctorque_can.starter.words import Word, number_of
 
 _OTHERS = frozenset(
     {
-        *(Word.TARGET, Word.LIMIT, Word.IDLE, Word.RATE, Word.DISPLAY, Word.FILTERED, Word.DRIVER, Word.ACCELERATION),
-        *(Word.ELECTRIC, Word.ACCESSORY, Word.STEERING, Word.TORQUE, Word.RATIO, Word.INERTIA, Word.PRESSURE, Word.BRAKE),
+        *(
+            Word.TARGET,
+            Word.LIMIT,
+            Word.IDLE,
+            Word.RATE,
+            Word.DISPLAY,
+            Word.FILTERED,
+            Word.DRIVER,
+            Word.ACCELERATION,
+        ),
+        *(
+            Word.ELECTRIC,
+            Word.ACCESSORY,
+            Word.STEERING,
+            Word.TORQUE,
+            Word.RATIO,
+            Word.INERTIA,
+            Word.PRESSURE,
+            Word.BRAKE,
+        ),
         *(Word.WHEEL, Word.PEDAL, Word.POSITION, Word.REFERENCE),
     }
 )
@@ -97,11 +115,15 @@ def _as_engine(speed: Floats, motion: Motion | None, has_unit: bool) -> Verdict:
         return Verdict("contradicts", "the log: follows the wheels at one ratio, as no engine does")
     if pattern.lasting < _LITTLE:
         return Verdict("contradicts", "the log: never at a lasting ratio to the wheels")
-    runs = f"the log: at {len(pattern.levels)} lasting ratios to the wheels in {pattern.lasting:.0%} of the driving"
+    runs = (
+        f"the log: at {len(pattern.levels)} lasting ratios to the wheels in {pattern.lasting:.0%} of the driving"
+    )
     if pattern.lasting < _LASTING or len(pattern.levels) < 2:
         return Verdict("agrees", runs, 0.5)
     if isnan(pattern.turns_at_rest):
-        return Verdict("agrees", f"{runs}; the car is not seen at rest, where an engine idles and a shaft stands", 0.6)
+        return Verdict(
+            "agrees", f"{runs}; the car is not seen at rest, where an engine idles and a shaft stands", 0.6
+        )
     if pattern.turns_at_rest < 0.3:
         return Verdict("nothing", f"{runs}, but it stands when the car stands: rather an input shaft")
     idle = float(np.median(at_rest[at_rest > 0.15 * np.median(known)]))
@@ -148,18 +170,20 @@ def find_shafts(material: Material, motion: Motion | None, engine: Proposal | Ga
     """Return the speeds of both input shafts, or that of the one that drives, or gaps."""
     taken = {engine.entry.name} if isinstance(engine, Proposal) else set()
     candidates = [c for c in material.candidates(SHAFT) if c.entry.name not in taken and c.merit >= GUESS - 4.0]
-    engine_speed = rad_s(material, engine.entry) if isinstance(engine, Proposal) and material.lives(engine.entry) else None
+    engine_speed = (
+        rad_s(material, engine.entry) if isinstance(engine, Proposal) and material.lives(engine.entry) else None
+    )
     numbered = {n: [c for c in candidates if number_of(c.entry.signal.name) == n] for n in (1, 2)}
     with_log = material.recording is not None
     if all(any(c.verdict.says in ("nothing",) and c.merit > GUESS for c in numbered[n]) for n in (1, 2)):
-        judged = {n: [_shaft_judged(material, c, motion, engine_speed, _WITH_ENGINE) for c in numbered[n]] for n in (1, 2)}
+        judged = {
+            n: [_shaft_judged(material, c, motion, engine_speed, _WITH_ENGINE) for c in numbered[n]]
+            for n in (1, 2)
+        }
         proposals = [chosen(f"inputs.shaft{n}_speed", judged[n], with_log=with_log) for n in (1, 2)]
         if all(proposals):
             return _in_order(material, motion, engine_speed, [each for each in proposals if each is not None])
-    judged_one = [
-        _shaft_judged(material, _doubtful_turbine(c), motion, engine_speed, _DRIVES)
-        for c in candidates
-    ]
+    judged_one = [_shaft_judged(material, _doubtful_turbine(c), motion, engine_speed, _DRIVES) for c in candidates]
     one = chosen("inputs.driving_shaft_speed", judged_one, with_log=with_log)
     if one is not None:
         return [one]
@@ -173,12 +197,18 @@ def find_shafts(material: Material, motion: Motion | None, engine: Proposal | Ga
 def _doubtful_turbine(candidate: Candidate) -> Candidate:
     """Return the candidate; a turbine belongs to a torque converter, though some transmissions keep its name."""
     if Word.TURBINE in candidate.entry.own and not {Word.INPUT, Word.SHAFT} & candidate.entry.own:
-        return replace(candidate, named=candidate.named - 0.5, clear=False, why=(*candidate.why, "called a turbine"))
+        return replace(
+            candidate, named=candidate.named - 0.5, clear=False, why=(*candidate.why, "called a turbine")
+        )
     return candidate
 
 
 def _shaft_judged(
-    material: Material, candidate: Candidate, motion: Motion | None, engine_speed: Floats | None, with_engine: float
+    material: Material,
+    candidate: Candidate,
+    motion: Motion | None,
+    engine_speed: Floats | None,
+    with_engine: float,
 ) -> Candidate:
     if material.recording is None or not open_verdict(candidate):
         return candidate
@@ -197,7 +227,9 @@ def _as_shaft(
         return Verdict("contradicts", "the log: follows the wheels at one ratio: an output shaft, or a road speed")
     if pattern.lasting < _LITTLE:
         return Verdict("contradicts", "the log: never at a lasting ratio to the wheels")
-    runs = f"the log: at {len(pattern.levels)} lasting ratios to the wheels in {pattern.lasting:.0%} of the driving"
+    runs = (
+        f"the log: at {len(pattern.levels)} lasting ratios to the wheels in {pattern.lasting:.0%} of the driving"
+    )
     if pattern.turns_at_rest > 0.6:
         return Verdict("contradicts", f"{runs}, but turns when the car stands, as an engine does")
     if engine_speed is None:
@@ -248,7 +280,9 @@ def _shafts_by_behaviour(
             lowest = max(ratio_pattern(np.where(apart, np.nan, speed), motion).levels, default=0.0)
             found.append((lowest, share_together(speed, engine_speed, motion.moving), entry, verdict))
     if len(found) == 1 and found[0][1] > _DRIVES:
-        return [Proposal("inputs.driving_shaft_speed", "guess", 0.5, (found[0][3].why, "no name says so"), found[0][2])]
+        return [
+            Proposal("inputs.driving_shaft_speed", "guess", 0.5, (found[0][3].why, "no name says so"), found[0][2])
+        ]
     if len(found) != 2:
         return []
     found.sort(key=lambda each: -each[0])

@@ -14,7 +14,7 @@ from dctorque_can.pipeline.frames import Frames
 from dctorque_can.starter.catalogue import Entry, by_message, catalogue
 from dctorque_can.starter.chassis import find_acceleration, find_brake, find_direction, find_grade
 from dctorque_can.starter.clutches import driving_clutch, find_clutches
-from dctorque_can.starter.databases import Dbc, addresses, join
+from dctorque_can.starter.databases import Dbc, addresses, join, own_channels
 from dctorque_can.starter.gears import find_gears
 from dctorque_can.starter.material import Material
 from dctorque_can.starter.motion import Motion
@@ -92,7 +92,10 @@ class Starter:
         Raises:
             IndexError: there are not so many alternatives.
         """
-        found = [_answered(each, choice) if each.key == key and isinstance(each, Proposal) else each for each in self.found]
+        found = [
+            _answered(each, choice) if each.key == key and isinstance(each, Proposal) else each
+            for each in self.found
+        ]
         return replace(self, found=tuple(found))
 
     def timeout_ms(self, entry: Entry) -> int | None:
@@ -125,9 +128,10 @@ def propose(dbcs: Sequence[Dbc], frames: Frames | None) -> Starter:
         dbcs: of the car.
         frames: of all logs, one after another (`recording.joined`); None without any.
     """
-    joined = join(dbcs)
+    own = own_channels(dbcs, frames)
+    joined = join(dbcs, own)
     remarks = [*(remark for dbc in dbcs for remark in dbc.remarks), *(str(remark) for remark in joined.remarks)]
-    known = addresses(dbcs, frames)
+    known = addresses(dbcs, frames, own)
     entries = catalogue([dbc.database for dbc in dbcs])
     recording = Recording(joined.database, known.by_name, frames) if frames is not None else None
     remarks += _about_the_log(recording, entries)
@@ -137,10 +141,18 @@ def propose(dbcs: Sequence[Dbc], frames: Frames | None) -> Starter:
     wheels, motion = find_wheels(material)
     engine = find_engine(material, motion)
     engine_speed = _live(material, engine)
-    locked = Locked.of(engine_speed, motion) if engine_speed is not None and motion is not None and motion.drives else None
+    locked = (
+        Locked.of(engine_speed, motion)
+        if engine_speed is not None and motion is not None and motion.drives
+        else None
+    )
     shafts = find_shafts(material, motion, engine)
     torque = find_engine_torque(material, motion, engine_speed)
-    two = [s for each in shafts if each.key != "inputs.driving_shaft_speed" and (s := _live(material, each)) is not None]
+    two = [
+        s
+        for each in shafts
+        if each.key != "inputs.driving_shaft_speed" and (s := _live(material, each)) is not None
+    ]
     gears = find_gears(material, locked, motion, two)
     drives = driving_clutch(two, engine_speed, gears.gear, motion)
     clutches = find_clutches(material, drives, locked, motion)
@@ -149,7 +161,12 @@ def propose(dbcs: Sequence[Dbc], frames: Frames | None) -> Starter:
     found: list[Proposal | Gap] = [
         *(engine, torque, *shafts, *wheels),
         find_direction(material, motion),
-        *(acceleration, find_grade(material, motion, acceleration), find_brake(material, motion), *clutches.commands),
+        *(
+            acceleration,
+            find_grade(material, motion, acceleration),
+            find_brake(material, motion),
+            *clutches.commands,
+        ),
         find_transmission_torque(material, motion, engine_speed, taken),
         *gears.found,
         *clutches.found,
@@ -157,7 +174,9 @@ def propose(dbcs: Sequence[Dbc], frames: Frames | None) -> Starter:
     source = gears.source or ("ratio" if len([e for e in shafts if isinstance(e, Proposal)]) == 2 else "")
     if source == "ratio":
         found = [each for each in found if each.key != "gears.actual"]
-    starter = Starter(tuple(dbcs), known.j1939, {}, tuple(_once(found)), source, clutches.source, ratios=gears.ratios)
+    starter = Starter(
+        tuple(dbcs), known.j1939, {}, tuple(_once(found)), source, clutches.source, ratios=gears.ratios
+    )
     return _completed(starter, material, motion, engine_speed, remarks)
 
 
@@ -171,7 +190,9 @@ def _once(found: Sequence[Proposal | Gap]) -> list[Proposal | Gap]:
     """Return what was found, a signal for one key alone: that with the most merit."""
     best: dict[str, Proposal] = {}
     for each in found:
-        if isinstance(each, Proposal) and (each.entry.name not in best or best[each.entry.name].merit < each.merit):
+        if isinstance(each, Proposal) and (
+            each.entry.name not in best or best[each.entry.name].merit < each.merit
+        ):
             best[each.entry.name] = each
     result: list[Proposal | Gap] = []
     for each in found:
@@ -190,7 +211,9 @@ def _about_the_log(recording: Recording | None, entries: Sequence[Entry]) -> lis
         return ["the log holds no frame: it says nothing"]
     if not recording.messages:
         count = len({entry.message.name for entry in entries})
-        return [f"none of the {recording.frames} frames of the log is one of the {count} messages of the DBCs: do they fit the car?"]
+        return [
+            f"none of the {recording.frames} frames of the log is one of the {count} messages of the DBCs: do they fit the car?"
+        ]
     return []
 
 
@@ -224,7 +247,12 @@ def _completed(
         periods=periods,
         channels=channels,
         no_value={e.name: values for e in possible if (values := _no_value(e, recording))},
-        units={e.name: unit for p in starter.proposals for e in (*p.entries, *(c.entry for c in p.alternatives)) if (unit := _unit(p, e, material, motion, engine_speed))},
+        units={
+            e.name: unit
+            for p in starter.proposals
+            for e in (*p.entries, *(c.entry for c in p.alternatives))
+            if (unit := _unit(p, e, material, motion, engine_speed))
+        },
         seconds=recording.seconds if recording is not None else 0.0,
         remarks=(*remarks, *told),
     )
@@ -256,7 +284,9 @@ def _unit(
     return None
 
 
-def _wheel_unit(entry: Entry, material: Material, motion: Motion | None, engine_speed: Any) -> tuple[str, str] | None:
+def _wheel_unit(
+    entry: Entry, material: Material, motion: Motion | None, engine_speed: Any
+) -> tuple[str, str] | None:
     """Return the unit with which the ratios of engine to wheels are those of a car."""
     if material.recording is None or not material.lives(entry) or motion is None or engine_speed is None:
         return None
@@ -268,15 +298,23 @@ def _wheel_unit(entry: Entry, material: Material, motion: Motion | None, engine_
     longest, shortest = np.percentile(ratios, [98, 2])
     for unit in _UNITS_OF_WHEELS:
         factor = entry.factor(Dimension.WHEEL, unit) or 1.0
-        if _LOWEST_GEAR[0] < longest / factor < _LOWEST_GEAR[1] and _HIGHEST_GEAR[0] < shortest / factor < _HIGHEST_GEAR[1]:
-            return unit, f"with it engine and wheels have ratios from {longest / factor:.1f} to {shortest / factor:.1f}, as in cars"
+        if (
+            _LOWEST_GEAR[0] < longest / factor < _LOWEST_GEAR[1]
+            and _HIGHEST_GEAR[0] < shortest / factor < _HIGHEST_GEAR[1]
+        ):
+            return (
+                unit,
+                f"with it engine and wheels have ratios from {longest / factor:.1f} to {shortest / factor:.1f}, as in cars",
+            )
     return None
 
 
-def _channels(starter: Starter, recording: Recording | None, used: Sequence[Entry]) -> tuple[dict[int, int], list[str]]:
+def _channels(
+    starter: Starter, recording: Recording | None, used: Sequence[Entry]
+) -> tuple[dict[int, int], list[str]]:
     """Return the channel of each DBC where the log has several, and what is doubtful of that."""
-    if recording is None:
-        return {}, []
+    if recording is None or starter.channels:
+        return starter.channels, []
     seen = {e.message.name: recording.channels(e.message.name) for e in used if recording.has(e)}
     if len({channel for counts in seen.values() for channel in counts}) < 2:
         return {}, []
@@ -297,7 +335,11 @@ def _channels(starter: Starter, recording: Recording | None, used: Sequence[Entr
             others = sorted(set(total) - {best})
             if others:
                 also = " and ".join(map(str, others))
-                told.append(f"messages of {name} come on channel {also} too: channel {best} is proposed, where most are")
+                told.append(
+                    f"messages of {name} come on channel {also} too: channel {best} is proposed, where most are"
+                )
         else:
-            told.append(f"messages of {name} come on several channels, on none all of them: give channel: to the inputs")
+            told.append(
+                f"messages of {name} come on several channels, on none all of them: give channel: to the inputs"
+            )
     return chosen, told

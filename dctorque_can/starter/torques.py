@@ -136,9 +136,7 @@ def torque_on_grid(material: Material, entry: Entry) -> Floats:
     return material.recording.on_grid(entry) * (entry.factor(Dimension.TORQUE) or 1.0)
 
 
-def find_engine_torque(
-    material: Material, motion: Motion | None, engine_speed: Floats | None
-) -> Proposal | Gap:
+def find_engine_torque(material: Material, motion: Motion | None, engine_speed: Floats | None) -> Proposal | Gap:
     """Return the net engine torque: a signal, or a sum of what burns and friction, perhaps times its reference."""
     key = "inputs.engine_torque"
     locked = Locked.of(engine_speed, motion) if engine_speed is not None and motion is not None else None
@@ -159,7 +157,9 @@ def _judge_of(material: Material, motion: Motion | None, locked: Locked | None) 
             return Verdict("nothing", "the log shows no driving with a closed clutch to hold it against")
         explained, inertia = pushes(torque_on_grid(material, entry), locked, motion)
         if explained < _HARDLY:
-            return Verdict("contradicts", f"the log: the car does not accelerate with it (correlation {explained:.2f})")
+            return Verdict(
+                "contradicts", f"the log: the car does not accelerate with it (correlation {explained:.2f})"
+            )
         says = f"the log: the car accelerates with it (correlation {explained:.2f})"
         if explained < _PUSHES:
             return Verdict("agrees", says, 0.5)
@@ -206,9 +206,13 @@ def _with_friction(
             level = proposal.level if candidate.clear else "likely"
             return _sum(proposal, candidate.entry, sign, level, (why,))
     if np.isfinite(at_idle) and at_idle > 2.0 * _IDLES * largest and never_negative:
-        return replace(proposal, level="likely", why=(*proposal.why, f"{at_idle:.0f} at idle, never negative: {_INDICATED}"))
+        return replace(
+            proposal, level="likely", why=(*proposal.why, f"{at_idle:.0f} at idle, never negative: {_INDICATED}")
+        )
     if never_negative and proposal.level == "sure":
-        return replace(proposal, level="likely", why=(*proposal.why, "never negative in the log: is it the net torque?"))
+        return replace(
+            proposal, level="likely", why=(*proposal.why, "never negative in the log: is it the net torque?")
+        )
     if indicated and proposal.level == "sure":
         return replace(proposal, level="likely", why=(*proposal.why, _INDICATED))
     return proposal
@@ -237,15 +241,23 @@ def _with_reference(material: Material, proposal: Proposal) -> Proposal:
         value = _usual(material, candidate.entry)
         of_the_moment = Word.REFERENCE not in candidate.entry.own and material.lives(candidate.entry)
         if (value is None or 30.0 <= value <= 3000.0) and not of_the_moment:
-            found.append(replace(candidate, verdict=Verdict("nothing", "" if value is None else f"{value:g} N·m in the log")))
+            found.append(
+                replace(
+                    candidate, verdict=Verdict("nothing", "" if value is None else f"{value:g} N·m in the log")
+                )
+            )
     order = ranked(found)
     if not order:
         why = "what 100 % are is not told by any signal: reference_nm is a gap"
         level: Any = "likely" if proposal.level == "sure" else proposal.level
-        return replace(proposal, level=level, fields=proposal.fields | {"reference_nm": None}, why=(*proposal.why, why))
+        return replace(
+            proposal, level=level, fields=proposal.fields | {"reference_nm": None}, why=(*proposal.why, why)
+        )
     best = order[0].entry
     if Word.REFERENCE not in best.own and proposal.level == "sure":
-        proposal = replace(proposal, level="likely", why=(*proposal.why, f"{best.name} is not clearly a reference"))
+        proposal = replace(
+            proposal, level="likely", why=(*proposal.why, f"{best.name} is not clearly a reference")
+        )
     value_text = f" ({order[0].verdict.why})" if order[0].verdict.why else ""
     return replace(
         proposal,
@@ -270,7 +282,9 @@ def find_transmission_torque(
     locked = Locked.of(engine_speed, motion) if engine_speed is not None and motion is not None else None
     judge = _judge_of(material, motion, locked)
     entries = [e for e in material.entries if e.name not in taken and not _of_one_clutch(e)]
-    candidates = [_judged(c, judge) for c in material.candidates(TRANSMISSION, entries) if Word.ENGINE not in c.entry.own]
+    candidates = [
+        _judged(c, judge) for c in material.candidates(TRANSMISSION, entries) if Word.ENGINE not in c.entry.own
+    ]
     key = "inputs.transmission_torque"
     return chosen(key, candidates, with_log=material.recording is not None) or gap(
         key, "no clutch torque of the transmission was found", candidates
@@ -307,7 +321,9 @@ def _commanded(candidate: Candidate) -> Candidate:
     """Return the candidate; what is not called a command may be what the transmission believes."""
     if Word.TARGET in candidate.entry.own:
         return candidate
-    return replace(candidate, clear=False, why=(*candidate.why, "not called a command: is it one, or an estimate?"))
+    return replace(
+        candidate, clear=False, why=(*candidate.why, "not called a command: is it one, or an estimate?")
+    )
 
 
 def clutch_verdict(material: Material, entry: Entry, n: int, drives: Floats | None) -> Verdict:

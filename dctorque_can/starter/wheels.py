@@ -19,9 +19,22 @@ from dctorque_can.starter.words import Word, wheel_of
 WHEELS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 RULE = Rule(
     Dimension.WHEEL,
-    needs=[(frozenset({Word.SPEED, Word.WHEEL}), 1.5), (frozenset({Word.WHEEL, Word.BRAKE, Word.INTERVENTION}), 1.0)],
+    needs=[
+        (frozenset({Word.SPEED, Word.WHEEL}), 1.5),
+        (frozenset({Word.WHEEL, Word.BRAKE, Word.INTERVENTION}), 1.0),
+    ],
     against=frozenset(
-        {Word.STEERING, Word.TORQUE, Word.ACCELERATION, Word.PRESSURE, Word.TARGET, Word.DIRECTION, Word.RATE, Word.LIMIT}
+        {
+            Word.STEERING,
+            Word.TORQUE,
+            Word.ACCELERATION,
+            Word.PRESSURE,
+            Word.TARGET,
+            Word.DIRECTION,
+            Word.RATE,
+            Word.LIMIT,
+            Word.FILTERED,
+        }
     ),
     bits=(7, 64),
 )
@@ -33,7 +46,9 @@ _MOST_UNNAMED = 400  # live signals among which wheels are looked for by behavio
 def find_wheels(material: Material) -> tuple[list[Proposal | Gap], Motion | None]:
     """Return the wheel speeds, and how the car moved if the log shows it."""
     candidates = [c for c in material.candidates(RULE) if wheel_of(c.entry.signal.name)]
-    positions = Counter(c.entry.message.name for c in candidates if c.verdict.says not in ("absent", "contradicts"))
+    positions = Counter(
+        c.entry.message.name for c in candidates if c.verdict.says not in ("absent", "contradicts")
+    )
     candidates = [
         replace(c, named=c.named + _FAMILY * min(positions[c.entry.message.name], 4)) for c in candidates
     ]
@@ -47,7 +62,10 @@ def find_wheels(material: Material) -> tuple[list[Proposal | Gap], Motion | None
         of_wheel = [c for c in candidates if wheel_of(c.entry.signal.name) == key]
         proposal = chosen(f"inputs.wheel_speeds.{key}", of_wheel, with_log=material.recording is not None)
         needed = not any(isinstance(each, Proposal) for each in found) and key == "rr"
-        found.append(proposal or gap(f"inputs.wheel_speeds.{key}", f"no {text} wheel speed was found", of_wheel, needed=needed))
+        found.append(
+            proposal
+            or gap(f"inputs.wheel_speeds.{key}", f"no {text} wheel speed was found", of_wheel, needed=needed)
+        )
     if all(isinstance(each, Gap) for each in found):
         return _by_behaviour(material, found)
     return _without_a_log(material, found), motion
@@ -85,7 +103,9 @@ def _judged(material: Material, candidate: Candidate, motion: Motion) -> Candida
     if together < _MOSTLY:
         why = f"only {together:.0%} of the driving with the other wheels"
         return replace(candidate, verdict=Verdict("contradicts", why))
-    return replace(candidate, verdict=Verdict("agrees", f"the log: with the other wheels in {together:.0%} of the driving"))
+    return replace(
+        candidate, verdict=Verdict("agrees", f"the log: with the other wheels in {together:.0%} of the driving")
+    )
 
 
 def _without_a_log(material: Material, found: Sequence[Proposal | Gap]) -> list[Proposal | Gap]:
@@ -103,12 +123,18 @@ def _without_a_log(material: Material, found: Sequence[Proposal | Gap]) -> list[
     if not unmistakable:
         return list(found)
     why = "the DBC has these four and no other ones"
-    return [replace(each, level="sure", why=(*each.why, why)) if isinstance(each, Proposal) else each for each in found]
+    return [
+        replace(each, level="sure", why=(*each.why, why)) if isinstance(each, Proposal) else each for each in found
+    ]
 
 
 def _lowered(proposal: Proposal) -> Proposal:
     """Return a proposal that nothing could be compared with."""
-    return replace(proposal, level="likely", why=(*proposal.why, "no other wheel to compare with")) if proposal.level == "sure" else proposal
+    return (
+        replace(proposal, level="likely", why=(*proposal.why, "no other wheel to compare with"))
+        if proposal.level == "sure"
+        else proposal
+    )
 
 
 def _by_behaviour(material: Material, gaps: list[Proposal | Gap]) -> tuple[list[Proposal | Gap], Motion | None]:
@@ -143,8 +169,16 @@ def _by_behaviour(material: Material, gaps: list[Proposal | Gap]) -> tuple[list[
     motion = Motion(_median([recording.on_grid(each) for each in best]))
     if len(best) != len(WHEELS):
         names = ", ".join(each.name for each in best)
-        return [replace(gap, why=f"these run together as wheels do, but no name says which is which: {names}") if isinstance(gap, Gap) else gap for gap in gaps], motion
-    why = ("the log: these four run together, stand with the car, and others go with them by gears", "which wheel is which is not known: in the order of the DBC")
+        return [
+            replace(gap, why=f"these run together as wheels do, but no name says which is which: {names}")
+            if isinstance(gap, Gap)
+            else gap
+            for gap in gaps
+        ], motion
+    why = (
+        "the log: these four run together, stand with the car, and others go with them by gears",
+        "which wheel is which is not known: in the order of the DBC",
+    )
     return [
         Proposal(f"inputs.wheel_speeds.{key}", "guess", 0.5, why, entry)
         for key, entry in zip(WHEELS, best, strict=True)

@@ -108,7 +108,7 @@ _TOKENS: dict[Word, str] = {
     Word.ACTUAL: "act actl actual ist cur curr current meas measured av aktuell engaged engd estd",
     Word.TARGET: (
         "tgt tar trg trgt target soll solld des desired dsrd req rq rqst reqd request requested cmd command cmnd demand dmd "
-        "set setp setpoint sp wunsch wu vorgabe anf ziel demande consigne vorhalt nset rqd next presel preselected"
+        "set setp setpoint sp wunsch wu vorgabe anf ziel demande consigne vorhalt nset rqd next presel preselected rec rcmd advice suggest"
     ),
     Word.DRIVER: "drv drvr driver fahrer conducteur fw",
     Word.LIMIT: "max min lim limit mx mn allow mxallw mnallw begr grenz upper lower maximum minimum avl lmt maxi mini cap",
@@ -169,7 +169,7 @@ _STEMS: dict[Word, str] = {
     Word.STATE: "status zustand",
     Word.ACTIVE: "pressed betaetigt aktiv applied getreten",
     Word.ACTUAL: "actual aktuell istmom istgang istwert istdreh measured",
-    Word.TARGET: "target wunsch desired request demand zielgang sollmom solldreh sollgang sollwert setpoint vorgabe command",
+    Word.TARGET: "target recomm empfehl suggest wunsch desired request demand zielgang sollmom solldreh sollgang sollwert setpoint vorgabe command",
     Word.DRIVER: "driver fahrer",
     Word.LIMIT: "maxim minim limit begrenz grenzk schutz maxmom verfuegbar freigabe",
     Word.IDLE: "leerlauf idle",
@@ -201,15 +201,23 @@ _RIGHT = {"r", "right", "rgt", "re", "rechts", "droit", "droite", "rh", "rt", "r
 _FRONT = {"f", "fr", "frt", "frnt", "fnt", "front", "v", "vo", "vorn", "vorne", "vorder", "av", "avant"}
 _REAR = {"r", "rr", "re", "rear", "h", "hi", "hinten", "hinter", "bck", "back", "ar", "arriere"}
 _WHEELS = {
-    **{"fl": "fl", "lf": "fl", "vl": "fl", "avg": "fl", "fr": "fr", "rf": "fr", "vr": "fr", "avd": "fr"},
-    **{"rl": "rl", "lr": "rl", "hl": "rl", "arg": "rl", "rr": "rr", "hr": "rr", "ard": "rr"},
+    **{"fl": "fl", "lf": "fl", "vl": "fl", "fr": "fr", "rf": "fr", "vr": "fr", },
+    **{"rl": "rl", "lr": "rl", "hl": "rl", "rr": "rr", "hr": "rr", },
 }
 _CUT = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 
 def plain(text: str) -> str:
     """Return text without accents; ä, ö, ü and ß as German writes them in ASCII."""
-    for letter, written in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("Ä", "Ae"), ("Ö", "Oe"), ("Ü", "Ue"), ("ß", "ss")):
+    for letter, written in (
+        ("ä", "ae"),
+        ("ö", "oe"),
+        ("ü", "ue"),
+        ("Ä", "Ae"),
+        ("Ö", "Oe"),
+        ("Ü", "Ue"),
+        ("ß", "ss"),
+    ):
         text = text.replace(letter, written)
     return unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode("ascii")
 
@@ -248,10 +256,9 @@ def wheel_of(name: str) -> str:
         if token in _WHEELS:
             return _WHEELS[token]
     for token in cut:  # radgeschwvl, flwheelspd
-        if len(token) > 5 and words(token) & {Word.WHEEL, Word.SPEED}:
-            for part in (token[-2:], token[:2]):
-                if part in _WHEELS:
-                    return _WHEELS[part]
+        for part, rest in ((token[-2:], token[:-2]), (token[:2], token[2:])):
+            if part in _WHEELS and Word.WHEEL in words(rest):
+                return _WHEELS[part]
     return ""
 
 
