@@ -55,7 +55,8 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     ),
     "design": ("driveline", "estimators", *WORDS, "pipeline.settings", "config"),
     "evidence": ("chain", "driveline", *WORDS, "bus", "logs", "config", "analysis", "offline"),
-    "report": (*WORDS, "analysis", "config", "design", "study", "evidence"),
+    "starter": (*WORDS, "driveline.parameters", "bus", "logs", "config.units"),
+    "report": (*WORDS, "analysis", "config", "design", "study", "evidence", "starter"),
     "cli": (
         "driveline",
         "estimators",
@@ -71,6 +72,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "offline",
         "evidence",
         "study",
+        "starter",
         "report",
     ),
 }
@@ -106,6 +108,7 @@ NO_COMPILED_CODE = (
     "evidence",
     "offline",
     "report",
+    "starter",
     "study",
 )
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools"}

@@ -35,8 +35,8 @@ def init(
 
     Each proposal says how sure it is, and why; what is not found stays a marked gap.
 
-    Exit codes: 0 the file is written, with gaps or without; 1 a DBC or log cannot be read, or the file exists; 2 wrong
-    usage; 3 written, but a part of a log could not be read.
+    Exit codes: 0 the file is written, with gaps or without; 1 a DBC or log cannot be read, or the file exists;
+    2 wrong usage; 3 written, but a part of a log could not be read.
     """
     from dctorque_can.logs.output_file import refuse_existing
     from dctorque_can.starter.document import vehicle_file

@@ -14,7 +14,7 @@ from dctorque_can.config.units import Dimension, UnitError, factor_to_si
 from dctorque_can.starter.words import Word, plain, words
 
 NOMINAL_RADIUS_M = 0.31
-"""Rolling radius of passenger cars, within 15 %: for telling units apart, never for a number of the vehicle file."""
+"""Rolling radius of cars, within 15 %: for telling units apart, never for a number of the vehicle file."""
 _NAME = re.compile(r"^[A-Za-z_]\w*\.[A-Za-z_]\w*$")  # that a vehicle file can name
 _NO_UNIT = {"", "-", "none", "unitless", "xxx", "tbd", "unit", "sed", "1", "raw", "unit_none"}
 _NO_VALUE = (

@@ -44,7 +44,19 @@ ACCELERATION = Rule(
     needs=[(frozenset({Word.LONGITUDINAL}), 1.5), (frozenset({Word.ACCELERATION}), 0.7)],
     likes=frozenset({Word.ACTUAL}),
     against=frozenset(
-        {*(Word.LATERAL, Word.TARGET, Word.LIMIT, Word.RATE, Word.PEDAL, Word.DRIVER, Word.FILTERED)}
+        {
+            *(
+                Word.LATERAL,
+                Word.TARGET,
+                Word.LIMIT,
+                Word.RATE,
+                Word.PEDAL,
+                Word.DRIVER,
+                Word.FILTERED,
+                Word.GEARBOX,
+                Word.ENGINE,
+            )
+        }
     ),
 )
 GRADE = Rule(
@@ -67,7 +79,7 @@ _WAYS = {
     "forward": r"\b(forwards?|fwd|vorwaerts|vor|avant)\b",
     "backward": r"\b(backwards?|bwd|reverse|rev|rueckwaerts|rueck|arriere|rearward)\b",
     "standstill": r"\b(standstill|stand ?still|stopped|stop|still|stillstand|stationary|arret)\b",
-    "unknown": r"\b(unknown|invalid|init|undefined|not (valid|available|defined)|fault|error|fehler|unbekannt|na|sna)\b",
+    "unknown": r"\b(unknown|invalid|init|undefined|not (valid|available|defined)|fault|error|fehler|na|sna)\b",
 }
 
 

@@ -109,8 +109,8 @@ class Addresses:
 def addresses(dbcs: Sequence[Dbc], frames: Frames | None, channels: Mapping[int, int]) -> Addresses:
     """Return by what messages are known, where that is not their identifier on any channel.
 
-    Those of 29 bits are known by their J1939 number, where DBC or log say so. The log says it where none of a DBC's
-    identifiers came, but some of its numbers did.
+    Those of 29 bits are known by their J1939 number, where DBC or log say so. The log says it where none of a
+    DBC's identifiers came, but some of its numbers did.
     """
     seen = np.unique(frames.can_id) if frames is not None else np.zeros(0, np.uint32)
     by_name: dict[str, Address] = {}
@@ -126,5 +126,9 @@ def addresses(dbcs: Sequence[Dbc], frames: Frames | None, channels: Mapping[int,
                 untold.add(number)
         known = {m.name: Address(identifier(m)) for m in dbc.database.messages if number in channels}
         known |= j1939_addresses(told, {})
-        by_name |= {name: replace(each, channel=channels.get(number)) for name, each in known.items() if name not in by_name}
+        by_name |= {
+            name: replace(each, channel=channels.get(number))
+            for name, each in known.items()
+            if name not in by_name
+        }
     return Addresses(by_name, frozenset(untold))

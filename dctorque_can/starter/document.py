@@ -92,7 +92,7 @@ def _vehicle(starter: Starter) -> list[str]:
         *_comment(["GAP: ratio and final drive of each gear, and its shaft: that with gear 1 is shaft 1"], 2),
     ]
     if starter.ratios:
-        what = f"ratio times final drive as the log has it, if the wheels have {NOMINAL_RADIUS_M} m and send their road speed"
+        what = f"ratio times final drive as the log has it, of road speeds with wheels of {NOMINAL_RADIUS_M} m"
         lines += _comment(
             [f"{what}: " + ", ".join(f"{gear}: {ratio:.2f}" for gear, ratio in starter.ratios.items())], 2
         )
@@ -145,7 +145,7 @@ def _section(starter: Starter, section: str, source: str) -> list[str]:
     """Return a section with a source."""
     lines = [f"{section}:"]
     if section == "clutch_phase" and source == "none":
-        why = "guess: no position, torque or state of the clutches was found: the speeds say alone what a clutch carries"
+        why = "guess: no position, torque or state of the clutches was found: the speeds say what a clutch carries"
         lines += _comment([why], 2)
     if section == "gears" and source == "ratio":
         lines += _comment(["guess: no gear signal was found: the speeds of shafts and wheels tell the gears"], 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -78,7 +79,7 @@ class RatioByValue:
     def tells_gears(self) -> bool:
         """Whether there are two values at least, each with a ratio of its own."""
         ordered = sorted(self.ratios.values())
-        apart = all(b > (1.0 + _APART) * a for a, b in zip(ordered, ordered[1:], strict=False))
+        apart = all(b > (1.0 + _APART) * a for a, b in pairwise(ordered))
         return len(ordered) >= 2 and apart and self.fits > 0.8
 
 
@@ -108,15 +109,15 @@ def ratio_by_value(raw: Floats, ratio: Floats, locked: Mask) -> RatioByValue:
 def numbered(ratios: Sequence[float]) -> list[int]:
     """Return the numbers of forward gears by their total ratios; [] where these do not say it.
 
-    The lowest gear of a car has a total ratio of 9 to 24, and from gear to gear it falls by 8 to 90 %. So where the
-    highest of the ratios is that of a lowest gear, and none is missing between, they are numbered from 1.
+    The lowest gear of a car has a total ratio of 9 to 24, and each gear is 1.08 to 1.9 times as short as the next.
+    So where the highest ratio is that of a lowest gear, and none is missing between, they are numbered from 1.
 
     Args:
-        ratios: engine or shaft to wheels, of different gears, in any order; wheels in rad/s, or as a road speed with
-            wheels of 0.31 m.
+        ratios: engine or shaft to wheels, of different gears, in any order; wheels in rad/s, or as a road speed
+            with wheels of 0.31 m.
     """
     order = sorted(range(len(ratios)), key=lambda k: -ratios[k])
-    steps = [ratios[a] / ratios[b] for a, b in zip(order, order[1:], strict=False)]
+    steps = [ratios[a] / ratios[b] for a, b in pairwise(order)]
     if (
         len(order) < 2
         or not _LOWEST[0] < ratios[order[0]] < _LOWEST[1]
@@ -157,7 +158,7 @@ def meaning_of(entry: Entry, ratios: Mapping[int, float], numbers: Mapping[int, 
     order = sorted(ratios, key=lambda raw: -ratios[raw])
     if len(order) < 2:
         return None
-    rises = all(physical[a] < physical[b] for a, b in zip(order, order[1:], strict=False))
+    rises = all(physical[a] < physical[b] for a, b in pairwise(order))
     listed = ", ".join(f"raw {raw}: {ratios[raw]:.2f}" for raw in order)
     if not numbers:
         return None
@@ -176,7 +177,7 @@ def meaning_of(entry: Entry, ratios: Mapping[int, float], numbers: Mapping[int, 
 
 
 def without_reverse(ratios: Mapping[int, float], raw: Floats) -> dict[int, float]:
-    """Return the ratios without that of a reverse gear: as short as the lowest one, and never next to another gear."""
+    """Return the ratios without that of reverse: as short as the lowest gear, and never next to another one."""
     order = sorted(ratios, key=lambda value: -ratios[value])
     if len(order) < 3 or ratios[order[0]] > _STEP[1] * ratios[order[1]]:
         return dict(ratios)

@@ -9,21 +9,13 @@ import numpy as np
 
 from dctorque_can.config.units import Dimension
 from dctorque_can.starter.catalogue import Entry
-from dctorque_can.starter.gear_values import (
-    Meaning,
-    RatioByValue,
-    gears_of_table,
-    gears_reached,
-    meaning_of,
-    numbered,
-    ratio_by_value,
-    special_of_table,
-    without_reverse,
-)
-from dctorque_can.starter.material import Material, open_verdict
+from dctorque_can.starter.gear_judge import GearJudge
+from dctorque_can.starter.gear_values import ratio_by_value, without_reverse
+from dctorque_can.starter.material import Material
 from dctorque_can.starter.motion import STEP_S, Floats, Motion
 from dctorque_can.starter.naming import Rule
 from dctorque_can.starter.proposal import Candidate, Gap, Level, Proposal, Verdict, chosen, gap
+from dctorque_can.starter.shift_flag import find_shift_flag, gear_changes
 from dctorque_can.starter.torques import Locked
 from dctorque_can.starter.words import Word, number_of
 
@@ -64,17 +56,8 @@ TARGET = Rule(
     against=(_NO_GEAR - {Word.SPEED}) | {Word.DISPLAY, Word.DRIVER},
     bits=(3, 8),
 )
-SHIFTING = Rule(
-    Dimension.AS_IS,
-    needs=[(frozenset({Word.SHIFT}), 2.0), (frozenset({Word.ACTIVE, Word.GEAR, Word.STATE, Word.SHIFT}), 0.5)],
-    against=frozenset(
-        {Word.LEVER, Word.TARGET, Word.LIMIT, Word.DISPLAY, Word.DRIVER, Word.LIGHT, Word.SHAFT, Word.TORQUE}
-    ),
-    bits=(1, 3),
-    must=False,
-)
 _FEW_VALUES = 32
-_NEAR_STEPS, _AHEAD_S, _WITHIN_S = 25, 0.1, 3.0
+_AHEAD_S, _WITHIN_S = 0.1, 3.0
 
 
 @dataclass(frozen=True)
@@ -105,7 +88,7 @@ def find_gears(
         motion: of the wheels.
         shafts: speeds of both input shafts on the grid, rad/s; empty where not both are known.
     """
-    judge = _Judge(material, locked)
+    judge = GearJudge(material, locked)
     both = _of_shafts(material, judge, motion, shafts)
     if both:
         return GearFindings("signals", list(both), None, {})
@@ -126,14 +109,14 @@ def find_gears(
     if proposal is None:
         none: list[Proposal | Gap] = [
             gap("gears.actual", "no gear was found", actual, needed=True),
-            _shifting(material, None),
+            find_shift_flag(material, None),
         ]
         return GearFindings("", none, None, {})
     if wanted is not None:
         proposal, wanted = _who_leads(material, judge, proposal, wanted)
     found: list[Proposal | Gap] = [proposal, wanted or gap("gears.target", "no target gear was found", others)]
     gear = judge.gears(proposal.entry) if material.lives(proposal.entry) else None
-    found.append(_shifting(material, gear))
+    found.append(find_shift_flag(material, gear))
     values = judge.values(proposal.entry)
     ratios = {
         values[raw]: ratio for raw, ratio in judge.ratio(proposal.entry).ratios.items() if values.get(raw, 0) > 0
@@ -141,7 +124,7 @@ def find_gears(
     return GearFindings("gearbox", found, gear, dict(sorted(ratios.items())))
 
 
-def _chosen(material: Material, judge: _Judge, key: str, candidates: list[Candidate]) -> Proposal | None:
+def _chosen(material: Material, judge: GearJudge, key: str, candidates: list[Candidate]) -> Proposal | None:
     proposal = chosen(key, candidates, with_log=material.recording is not None)
     if proposal is None:
         return None
@@ -153,7 +136,7 @@ def _chosen(material: Material, judge: _Judge, key: str, candidates: list[Candid
 
 
 def _gear_like(material: Material, rule: Rule) -> list[Candidate]:
-    """Return the signals with a name of a gear; one of few values may be called a gear ratio, others are a number."""
+    """Return the signals with a name of a gear; one of few values may be called a ratio or a position too."""
     few = replace(rule, against=rule.against - {Word.RATIO, Word.POSITION})
     return [
         *material.candidates(few, [e for e in material.entries if e.steps <= _FEW_VALUES]),
@@ -161,106 +144,8 @@ def _gear_like(material: Material, rule: Rule) -> list[Candidate]:
     ]
 
 
-class _Judge:
-    """What a log says of gear signals."""
-
-    def __init__(self, material: Material, locked: Locked | None) -> None:
-        self._material, self._locked = material, locked
-        self._ratios: dict[str, RatioByValue] = {}
-        self._reached: dict[str, dict[int, int]] = {}
-        self._sure: set[str] = set()
-        self._of_shaft: dict[str, Meaning | None] = {}
-
-    def raw(self, entry: Entry) -> Floats:
-        """Return the raw values of a signal on the grid."""
-        assert self._material.recording is not None
-        return np.round((self._material.recording.on_grid(entry) - entry.layout.offset) / entry.layout.scale)
-
-    def ratio(self, entry: Entry) -> RatioByValue:
-        """Return which ratio each raw value goes with."""
-        if self._locked is None or not self._material.lives(entry):
-            return RatioByValue({}, 0.0)
-        if entry.name not in self._ratios:
-            raw = self.raw(entry)
-            if table := gears_of_table(entry):
-                raw = np.where(np.isin(raw, [each for each, gear in table.items() if gear > 0]), raw, np.nan)
-            self._ratios[entry.name] = ratio_by_value(raw, self._locked.ratio, self._locked.where)
-        return self._ratios[entry.name]
-
-    def judged(self, candidate: Candidate) -> Candidate:
-        """Return a candidate with what the log says."""
-        if self._material.recording is None or not open_verdict(candidate):
-            return candidate
-        if self._locked is None:
-            return replace(candidate, verdict=Verdict("nothing", "the log shows no driving to hold it against"))
-        by_value = self.ratio(candidate.entry)
-        if by_value.tells_gears:
-            why = f"the log: each of {len(by_value.ratios)} values goes with one ratio of engine to wheels"
-            return replace(candidate, verdict=Verdict("agrees", why))
-        if len(by_value.ratios) >= 2 or by_value.fits < 0.5:
-            why = "the log: its values do not go with the ratios of engine to wheels"
-            return replace(candidate, verdict=Verdict("contradicts", why))
-        return replace(candidate, verdict=Verdict("nothing", "the log shows too few gears"))
-
-    def follows(self, candidate: Candidate, gear: Floats, sure: bool) -> Candidate:
-        """Return a target gear with whether the actual gear comes to each of its values."""
-        if self._material.recording is None or not open_verdict(candidate):
-            return candidate
-        values, share = gears_reached(self.raw(candidate.entry), gear)
-        if values and share < 0.7 or not values and share > 0.0:
-            why = f"the log: the actual gear comes to its value in {share:.0%} of the cases"
-            return replace(candidate, verdict=Verdict("contradicts", why))
-        if len({each for each in values.values() if each > 0}) < 2:
-            return replace(candidate, verdict=Verdict("nothing", "the log shows too few shifts"))
-        self._reached[candidate.entry.name] = values
-        if sure:
-            self._sure.add(candidate.entry.name)
-        why = f"the log: the actual gear comes to its value in {share:.0%} of the cases"
-        return replace(candidate, verdict=Verdict("agrees", why))
-
-    def meaning(self, entry: Entry) -> Meaning:
-        """Return what the raw values mean; nothing where neither table nor log tell it."""
-        if table := gears_of_table(entry):
-            return Meaning(table, "values: by its value table", True)
-        named = special_of_table(entry)
-        if reached := self._reached.get(entry.name):
-            values = dict(sorted((reached | named).items()))
-            return Meaning(values, "values: by the actual gear that is reached", entry.name in self._sure)
-        if entry.name in self._of_shaft:
-            found: Meaning | None = self._of_shaft[entry.name]
-        else:
-            ratios = {raw: r for raw, r in self.ratio(entry).ratios.items() if raw not in named}
-            if self._material.lives(entry):
-                ratios = without_reverse(ratios, self.raw(entry))
-            numbers = dict(zip(ratios, numbered(list(ratios.values())), strict=False))
-            found = meaning_of(entry, ratios, numbers)
-        if found is None:
-            return Meaning({}, "values: a gap, neither table nor log tell them", False)
-        return Meaning(dict(sorted((found.values | named).items())), f"values: {found.why}", found.sure)
-
-    def values(self, entry: Entry) -> dict[int, int]:
-        """Return the gears by raw value; {} where neither table nor log tell them."""
-        return self.meaning(entry).values
-
-    def take_shafts(self, entries: Sequence[Entry], ratios: Sequence[dict[int, float]]) -> None:
-        """Number the gears of both shafts together, by the ratios of either."""
-        together = [(k, raw, ratio) for k, of_shaft in enumerate(ratios) for raw, ratio in of_shaft.items()]
-        numbers = numbered([ratio for _, _, ratio in together])
-        for k, entry in enumerate(entries):
-            own = {raw: number for (shaft, raw, _), number in zip(together, numbers, strict=False) if shaft == k}
-            self._of_shaft[entry.name] = meaning_of(entry, ratios[k], own)
-
-    def gears(self, entry: Entry) -> Floats:
-        """Return the gear on the grid; NaN where the value means none."""
-        raw = self.raw(entry)
-        result = np.full(len(raw), np.nan)
-        for value, gear in self.values(entry).items():
-            result[raw == value] = gear
-        return result
-
-
 def _of_shafts(
-    material: Material, judge: _Judge, motion: Motion | None, shafts: Sequence[Floats]
+    material: Material, judge: GearJudge, motion: Motion | None, shafts: Sequence[Floats]
 ) -> list[Proposal]:
     """Return a gear signal for each shaft, if there are two such names."""
     candidates = [c for c in material.candidates(ACTUAL) if c.verdict.says not in ("absent", "contradicts")]
@@ -294,7 +179,7 @@ def _about_a_shaft(entry: Entry) -> bool:
     return bool({Word.SHAFT, Word.CLUTCH, Word.INPUT} & entry.own) or number_of(entry.signal.name) > 0
 
 
-def _shaft_gear_verdict(material: Material, judge: _Judge, entry: Entry) -> Verdict:
+def _shaft_gear_verdict(material: Material, judge: GearJudge, entry: Entry) -> Verdict:
     if material.recording is None:
         return Verdict("nothing")
     values = judge.values(entry)
@@ -306,7 +191,7 @@ def _shaft_gear_verdict(material: Material, judge: _Judge, entry: Entry) -> Verd
     return Verdict("contradicts", "the log: odd and even gears, as of a whole gearbox")
 
 
-def _by_parity(judge: _Judge, found: list[Proposal]) -> list[Proposal]:
+def _by_parity(judge: GearJudge, found: list[Proposal]) -> list[Proposal]:
     """Return both; doubtful where shaft 1 is told to have the even gears."""
     first = [gear for gear in judge.values(found[0].entry).values() if gear > 0]
     if first and all(gear % 2 == 0 for gear in first):
@@ -315,7 +200,9 @@ def _by_parity(judge: _Judge, found: list[Proposal]) -> list[Proposal]:
     return found
 
 
-def _who_leads(material: Material, judge: _Judge, actual: Proposal, target: Proposal) -> tuple[Proposal, Proposal]:
+def _who_leads(
+    material: Material, judge: GearJudge, actual: Proposal, target: Proposal
+) -> tuple[Proposal, Proposal]:
     """Return actual and target gear; doubtful where the log has the target follow the actual one."""
     if not (material.lives(actual.entry) and material.lives(target.entry)):
         return actual, target
@@ -335,8 +222,8 @@ def _who_leads(material: Material, judge: _Judge, actual: Proposal, target: Prop
 
 
 def _lead_s(first: Floats, second: Floats) -> float:
-    """Return by how much the first of two gears changes earlier, seconds; the median, NaN with fewer than three."""
-    changes = [_changes(gear) for gear in (first, second)]
+    """Return by how many seconds the first of two gears changes earlier: the median; NaN of fewer than three."""
+    changes = [gear_changes(gear) for gear in (first, second)]
     ahead = []
     for at, gear in changes[0]:
         near = [
@@ -345,57 +232,3 @@ def _lead_s(first: Floats, second: Floats) -> float:
         if near:
             ahead.append(min(near, key=abs))
     return float(np.median(ahead)) if len(ahead) >= 3 else float("nan")
-
-
-def _changes(gear: Floats) -> list[tuple[int, float]]:
-    """Return when a forward gear begins, and which."""
-    known = np.where(gear > 0, gear, np.nan)
-    rows = np.flatnonzero(np.isfinite(known))
-    values = known[rows]
-    new = np.flatnonzero(np.diff(values) != 0) + 1
-    return [(int(rows[k]), float(values[k])) for k in new]
-
-
-def _shifting(material: Material, gear: Floats | None) -> Proposal | Gap:
-    """Return the flag that says that a shift is in progress."""
-    key = "gears.shift_in_progress"
-    judged = [_flag_judged(material, c, gear) for c in material.candidates(SHIFTING)]
-    proposal = chosen(key, judged, with_log=material.recording is not None)
-    if proposal is None:
-        return gap(key, "no shift in progress was found", judged)
-    entry = proposal.entry
-    idle = _usual_raw(material, entry)
-    first, last = entry.layout.raw_range
-    values = {raw: "no" if raw == idle else "yes" for raw in range(first, last + 1) if raw not in entry.no_value}
-    return replace(proposal, fields={"values": values})
-
-
-def _usual_raw(material: Material, entry: Entry) -> int:
-    if material.recording is None or not material.recording.has(entry):
-        return 0
-    counts = material.recording.raw_values(entry)
-    return max(counts, key=lambda raw: counts[raw], default=0)
-
-
-def _flag_judged(material: Material, candidate: Candidate, gear: Floats | None) -> Candidate:
-    if material.recording is None or not open_verdict(candidate):
-        return candidate
-    if gear is None:
-        return replace(candidate, verdict=Verdict("nothing", "the log shows no gears to hold it against"))
-    values = material.recording.on_grid(candidate.entry)
-    usual = _usual_raw(material, candidate.entry) * candidate.entry.layout.scale + candidate.entry.layout.offset
-    on = np.isfinite(values) & (values != usual)
-    changes = [at for at, _ in _changes(gear)]
-    if len(changes) < 3:
-        return replace(candidate, verdict=Verdict("nothing", "the log shows too few shifts"))
-    hit = float(np.mean([on[max(at - _NEAR_STEPS, 0) : at + _NEAR_STEPS].any() for at in changes]))
-    share = float(on.mean())
-    if hit > 0.8 and share < 0.4:
-        return replace(
-            candidate,
-            verdict=Verdict("agrees", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"),
-        )
-    return replace(
-        candidate,
-        verdict=Verdict("contradicts", f"the log: set at {hit:.0%} of the shifts, {share:.0%} of the time"),
-    )

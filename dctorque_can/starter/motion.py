@@ -1,8 +1,8 @@
 """How the car moved, and how speeds go with that: what a name cannot say.
 
-While a clutch holds, engine and input shaft turn together, and with the wheels by the ratio of a gear. So the ratio of
-either to the wheels takes a few lasting values. What only follows the road takes one. At rest an engine idles and an
-engaged shaft stands.
+While a clutch holds, engine and input shaft turn together, and with the wheels by the ratio of a gear. So either
+has a few lasting ratios to the wheels. What only follows the road has one. At rest an engine idles and an engaged
+shaft stands.
 """
 
 from __future__ import annotations

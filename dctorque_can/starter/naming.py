@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from dctorque_can.config.units import Dimension
 from dctorque_can.starter.catalogue import Entry
 from dctorque_can.starter.proposal import Candidate
-from dctorque_can.starter.words import Word, plain
+from dctorque_can.starter.words import Word, plain, unknown_words
 
 NEVER = frozenset({Word.COUNTER, Word.CHECKSUM, Word.VALIDITY, Word.PULSES, Word.TEMPERATURE, Word.TIME})
 """What a measured value is never called."""
@@ -76,6 +76,10 @@ def name_merit(entry: Entry, rule: Rule) -> Candidate | None:
             clear = False
     if told:
         why.append("name: " + " ".join(told))
+    strange = unknown_words(entry.signal.name)
+    if strange:
+        clear = False
+        why.append(f"not understood: {', '.join(strange)}")
     likes = rule.likes & entry.own
     merit += 0.8 * len(likes)
     if likes:

@@ -86,7 +86,7 @@ class Recording:
         return {int(channel): int(counts[channel]) for channel in np.flatnonzero(counts)}
 
     def samples(self, entry: Entry) -> tuple[NDArray[np.int64], Floats]:
-        """Return the times of a signal and its physical values, both ``[n]``; values that mean none are left out."""
+        """Return times and physical values of a signal, both ``[n]``; values that mean none are left out."""
         rows = self._columns[entry.message.name]
         name = entry.signal.name if entry.signal.name != TIME else f"{TIME}_"
         values = rows[name]
@@ -121,7 +121,7 @@ class Recording:
         return {int(each): int(count) for each, count in zip(raw, counts, strict=True)}
 
     def on_grid(self, entry: Entry) -> Floats:
-        """Return the latest value at each time of the grid, float64 ``[n]``; NaN where there is none, or an old one."""
+        """Return the latest value at each time of the grid, float64 ``[n]``; NaN where it is old or missing."""
         key = (entry.message.name, entry.signal.name)
         if key not in self._on_grid:
             t_us, values = self.samples(entry)
@@ -159,8 +159,8 @@ class Recording:
 def joined(parts: Sequence[Frames]) -> Frames:
     """Return the frames of several logs one after another, on one scale of time.
 
-    Frames that are late by less than a second are sorted. Longer pauses, between logs or in one of them, become 2 s.
-    A clock that was set back goes on.
+    Frames that are late by less than a second are sorted. Longer pauses, between logs or in one of them, become
+    2 s. A clock that was set back goes on.
     """
     ordered = [_without_late_ones(part) for part in parts if len(part)]
     if not ordered:

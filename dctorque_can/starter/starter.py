@@ -99,7 +99,7 @@ class Starter:
         return replace(self, found=tuple(found))
 
     def timeout_ms(self, entry: Entry) -> int | None:
-        """Return the timeout that fits a message: by the log, else by the cycle time of the DBC; None without both."""
+        """Return the timeout that fits a message, by the log or the cycle time of the DBC; None without both."""
         period = self.periods.get(entry.message.name)
         if period is not None:
             needed = max(_ROOM * period.median_ms, _ROOM_USUAL * period.longest_usual_ms)
@@ -212,7 +212,8 @@ def _about_the_log(recording: Recording | None, entries: Sequence[Entry]) -> lis
     if not recording.messages:
         count = len({entry.message.name for entry in entries})
         return [
-            f"none of the {recording.frames} frames of the log is one of the {count} messages of the DBCs: do they fit the car?"
+            f"none of the {recording.frames} frames of the log is one of the {count} messages of the DBCs: "
+            "do they fit the car?"
         ]
     return []
 
@@ -220,7 +221,7 @@ def _about_the_log(recording: Recording | None, entries: Sequence[Entry]) -> lis
 def _completed(
     starter: Starter, material: Material, motion: Motion | None, engine_speed: Any, remarks: list[str]
 ) -> Starter:
-    """Return the starter with what goes with the chosen signals: protections, periods, units, values that mean none."""
+    """Return the starter with what goes with the signals: protections, periods, units, values that mean none."""
     recording = material.recording
     grouped = by_message(material.entries)
     used = list({e.name: e for p in starter.proposals for e in p.entries}.values())

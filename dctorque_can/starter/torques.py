@@ -63,7 +63,7 @@ COMMAND = Rule(
 )
 _PUSHES, _HARDLY, _FEWEST = 0.55, 0.15, 100
 _INERTIA_KGM2 = (25.0, 700.0)
-"""Mass times radius squared of road vehicles, 300 to 7000 kg with wheels of 0.31 m: tells whether a torque is in N·m."""
+"""Mass times radius squared of road vehicles, 300 to 7000 kg on wheels of 0.31 m: is a torque in N·m?"""
 _IDLES = 0.06  # of the largest torque: as much as an idling engine gives to its own net torque
 _STEADY_STEPS, _STEADY = 15, 0.012
 
@@ -91,7 +91,7 @@ class Locked:
 
 
 def pushes(torque: Floats, locked: Locked, motion: Motion) -> tuple[float, float]:
-    """Return how well a torque explains the acceleration of the wheels, and m·r² that follows, in 1/(unit of torque).
+    """Return how well a torque explains the acceleration of the wheels, and the m·r² that follows.
 
     Newton's law with a clutch that holds: J·dω/dt = i·T − load, the load a constant and a part with ω². Only where
     the torque drives: a brake is no torque of the engine.
@@ -102,7 +102,7 @@ def pushes(torque: Floats, locked: Locked, motion: Motion) -> tuple[float, float
         motion: of the wheels, rad/s.
 
     Returns:
-        Correlation of the acceleration with what the torque explains, with its sign; and J in that unit per rad/s².
+        Correlation of the acceleration with what the torque explains, with its sign; J in that unit per rad/s².
     """
     smooth = _smoothed(torque)
     known = torque[np.isfinite(torque)]
@@ -283,7 +283,9 @@ def find_transmission_torque(
     judge = _judge_of(material, motion, locked)
     entries = [e for e in material.entries if e.name not in taken and not _of_one_clutch(e)]
     candidates = [
-        _judged(c, judge) for c in material.candidates(TRANSMISSION, entries) if Word.ENGINE not in c.entry.own
+        replace(judged, clear=judged.clear and Word.CLUTCH in judged.entry.own)
+        for judged in (_judged(c, judge) for c in material.candidates(TRANSMISSION, entries))
+        if Word.ENGINE not in judged.entry.own
     ]
     key = "inputs.transmission_torque"
     return chosen(key, candidates, with_log=material.recording is not None) or gap(

@@ -39,6 +39,7 @@ RULE = Rule(
     bits=(7, 64),
 )
 _TOGETHER, _MOSTLY = 0.04, 0.85  # wheels differ by curves and slip, and that seldom
+_APART = "only"  # how that is said
 _FAMILY = 0.25  # for each other wheel in the same message
 _MOST_UNNAMED = 400  # live signals among which wheels are looked for by behaviour alone
 
@@ -60,7 +61,13 @@ def find_wheels(material: Material) -> tuple[list[Proposal | Gap], Motion | None
     found: list[Proposal | Gap] = []
     for key, text in WHEELS.items():
         of_wheel = [c for c in candidates if wheel_of(c.entry.signal.name) == key]
-        proposal = chosen(f"inputs.wheel_speeds.{key}", of_wheel, with_log=material.recording is not None)
+        contradicted = any(c.clear and c.verdict.why.startswith(_APART) for c in of_wheel)
+        proposal = chosen(
+            f"inputs.wheel_speeds.{key}",
+            of_wheel,
+            with_log=material.recording is not None,
+            at_most="likely" if contradicted else "sure",
+        )
         needed = not any(isinstance(each, Proposal) for each in found) and key == "rr"
         found.append(
             proposal
@@ -101,7 +108,7 @@ def _judged(material: Material, candidate: Candidate, motion: Motion) -> Candida
         return replace(candidate, verdict=Verdict("nothing", "the car hardly moves in the log"))
     together = share_together(speed, motion.wheel, motion.moving, _TOGETHER)
     if together < _MOSTLY:
-        why = f"only {together:.0%} of the driving with the other wheels"
+        why = f"{_APART} {together:.0%} of the driving with the other wheels"
         return replace(candidate, verdict=Verdict("contradicts", why))
     return replace(
         candidate, verdict=Verdict("agrees", f"the log: with the other wheels in {together:.0%} of the driving")

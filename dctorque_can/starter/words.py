@@ -1,8 +1,8 @@
 """The words that names, comments and message names of DBCs are made of: English, German, French, abbreviated.
 
-A name such as ``EngSpd``, ``nMot``, ``WHL_SPD_FL`` or ``Motordrehzahl`` is cut into tokens. Short abbreviations must be
-a token; stems may stand anywhere within one, since German writes words together. No maker's signal is in here, only
-words.
+A name such as ``EngSpd``, ``nMot``, ``WHL_SPD_FL`` or ``Motordrehzahl`` is cut into tokens. Short abbreviations
+must be a token; stems may stand anywhere within one, since German writes words together. No maker's signal is in
+here, only words.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import re
 import unicodedata
 from enum import Enum, auto
 from functools import lru_cache
+from itertools import pairwise
 
 
 class Word(Enum):
@@ -73,7 +74,9 @@ class Word(Enum):
 
 _TOKENS: dict[Word, str] = {
     Word.ENGINE: "eng engine mot ice vm nmot ems ecm ecu dme pcm crank cran crk kw nengine neng moteur cmm",
-    Word.GEARBOX: "trn trans transm getr gearbox gbx gbox tcu tcm tcmu dct dsg gs egs tx at bv bva bvm ge dkg pdk edc",
+    Word.GEARBOX: (
+        "trn trans transm getr gearbox gbx gbox tcu tcm tcmu dct dsg gs egs tx at bv bva bvm ge dkg pdk edc"
+    ),
     Word.CLUTCH: "clt clth clu clch clutch kup kuppl k1 k2 clt1 clt2 cl1 cl2 tc1 tc2 embr c1 c2",
     Word.SHAFT: "iss oss shaft shft sft welle wel gw arbre axle",
     Word.INPUT: "iss in inp input ip ain ein prim primary nin entree is prm",
@@ -81,15 +84,21 @@ _TOKENS: dict[Word, str] = {
     Word.TURBINE: "tc turb turbine nt wandler converter conv wk tcc",
     Word.WHEEL: "whl wheel wheels rad raeder wss ws roue whlspd wspd vwhl nwhl",
     Word.VEHICLE: "veh vehicle fzg car fahrzeug vehv",
-    Word.BRAKE: "brk brake braking brakes brems bremse brems bls br frein brkpdl mcp mcyl",
+    Word.BRAKE: "brk brake braking brakes brems bremse bls br frein brkpdl mcp mcyl",
     Word.STEERING: "str steer steering strg lenk eps mdps lkas hca ste stg direction_assistee sas colmn column",
-    Word.ELECTRIC: "em emot emotor ema emachine motrac mtrtrac elm hyb hybrid hev isg bsg generator mg1 mg2 stm mtr ev",
+    Word.ELECTRIC: (
+        "em emot emotor ema emachine motrac mtrtrac elm hyb hybrid hev isg bsg generator mg1 mg2 stm mtr ev"
+    ),
     Word.ACCESSORY: (
-        "fan pump pmp comp cmpr compressor elcmpr ac hvac clim klima fatc blower water oil turbo alt alternator scr "
-        "dosing wiper wash seat window radio radar acan opi cooling awd 4wd allrad lck lock hldc tpms tire tyre start"
+        "fluid trailer trlr pad wear vacuum booster boost fan pump pmp comp cmpr compressor elcmpr ac hvac clim klima fatc blower water oil turbo alt "
+        "alternator scr dosing wiper wash seat window radio radar acan opi cooling awd 4wd allrad lck "
+        "lock hldc tpms tire tyre start"
     ),
     Word.PARKING: "park parking prk prkbrk epb handbrake hand feststell fbr hbr",
-    Word.SPEED: "iss oss ws spd speed rpm n nr vel velocity v w drehz drehzahl dz geschw nmot nin nout spdr rev revs wss omega vit",
+    Word.SPEED: (
+        "iss oss ws spd speed rpm n nr vel velocity v w drehz drehzahl dz geschw nmot nin nout spdr rev "
+        "revs wss omega vit"
+    ),
     Word.TORQUE: "trq torq torque tq tqi tqe tqfr mom moment md mi couple nm trqe tqr drehmoment moments tor",
     Word.GEAR: "gear gang gr gea rapport gears actgear gearact",
     Word.LEVER: "lever lvr lev selector sel shifter prnd prndl waehlhebel wh gsm range fahrstufe sld",
@@ -107,11 +116,14 @@ _TOKENS: dict[Word, str] = {
     Word.ACTIVE: "act actv active aktiv akt applied appd pressed on sw switch",
     Word.ACTUAL: "act actl actual ist cur curr current meas measured av aktuell engaged engd estd",
     Word.TARGET: (
-        "tgt tar trg trgt target soll solld des desired dsrd req rq rqst reqd request requested cmd command cmnd demand dmd "
-        "set setp setpoint sp wunsch wu vorgabe anf ziel demande consigne vorhalt nset rqd next presel preselected rec rcmd advice suggest"
+        "tgt tar trg trgt target soll solld des desired dsrd req rq rqst reqd request requested cmd "
+        "command cmnd demand dmd set setp setpoint sp wunsch wu vorgabe anf ziel demande consigne vorhalt "
+        "nset rqd next presel preselected rec rcmd advice suggest"
     ),
     Word.DRIVER: "drv drvr driver fahrer conducteur fw",
-    Word.LIMIT: "max min lim limit mx mn allow mxallw mnallw begr grenz upper lower maximum minimum avl lmt maxi mini cap",
+    Word.LIMIT: (
+        "max min lim limit mx mn allow mxallw mnallw begr grenz upper lower maximum minimum avl lmt maxi mini cap"
+    ),
     Word.IDLE: "idl idle ll llr leerlauf ralenti",
     Word.FILTERED: "filt flt fltd filtered gefiltert avg average avrg mean mittel smooth smoothed ref",
     Word.DISPLAY: "disp dsply display anz anzeige cluster dash ipc kombi hud indication",
@@ -123,14 +135,20 @@ _TOKENS: dict[Word, str] = {
     Word.INERTIA: "inertia traegheit traeg inert",
     Word.REFERENCE: "std stnd standard ref reference norm nominal nenn refer bezug",
     Word.INTERVENTION: (
-        "tcs asr msr esp esc esr dsc acc scc abs tsc etc cmbb aeb gearreq tcsabs eingr eingriff interv apa hsa acor slw fst"
+        "tcs asr msr esp esc esr dsc acc scc abs tsc etc cmbb aeb gearreq tcsabs eingr eingriff interv "
+        "apa hsa acor slw fst"
     ),
     Word.VALIDITY: (
-        "valid vld qf qbit qual quality err error fail fault flt fehler diag dg inacc unplausibel plaus def defect v_flag "
-        "flag flg avail available"
+        "valid vld qf qbit qual quality err error fail fault flt fehler diag dg inacc unplausibel plaus "
+        "def defect v_flag flag flg avail available"
     ),
-    Word.COUNTER: "cnt cntr counter alive alv alvcnt alivecounter rc bz msgcnt cnt_ roll rolling sqc msgcounter botschaftszaehler",
-    Word.CHECKSUM: "chk crc cs chks chksum checksum csum chksm cksum pruefsumme pz chsum checksumme bcc sum chkssm",
+    Word.COUNTER: (
+        "cnt cntr counter alive alv alvcnt alivecounter rc bz msgcnt cnt_ roll rolling sqc msgcounter "
+        "botschaftszaehler"
+    ),
+    Word.CHECKSUM: (
+        "chk crc cs chks chksum checksum csum chksm cksum pruefsumme pz chsum checksumme bcc sum chkssm"
+    ),
     Word.PULSES: "pul pulse pulses edge edges impuls ticks wic",
     Word.TEMPERATURE: "temp tmp temperature temperatur tem tmpr",
     Word.TIME: "time zeit duration tm",
@@ -169,7 +187,10 @@ _STEMS: dict[Word, str] = {
     Word.STATE: "status zustand",
     Word.ACTIVE: "pressed betaetigt aktiv applied getreten",
     Word.ACTUAL: "actual aktuell istmom istgang istwert istdreh measured",
-    Word.TARGET: "target recomm empfehl suggest wunsch desired request demand zielgang sollmom solldreh sollgang sollwert setpoint vorgabe command",
+    Word.TARGET: (
+        "target recomm empfehl suggest wunsch desired request demand zielgang sollmom solldreh sollgang "
+        "sollwert setpoint vorgabe command"
+    ),
     Word.DRIVER: "driver fahrer",
     Word.LIMIT: "maxim minim limit begrenz grenzk schutz maxmom verfuegbar freigabe",
     Word.IDLE: "leerlauf idle",
@@ -201,9 +222,23 @@ _RIGHT = {"r", "right", "rgt", "re", "rechts", "droit", "droite", "rh", "rt", "r
 _FRONT = {"f", "fr", "frt", "frnt", "fnt", "front", "v", "vo", "vorn", "vorne", "vorder", "av", "avant"}
 _REAR = {"r", "rr", "re", "rear", "h", "hi", "hinten", "hinter", "bck", "back", "ar", "arriere"}
 _WHEELS = {
-    **{"fl": "fl", "lf": "fl", "vl": "fl", "fr": "fr", "rf": "fr", "vr": "fr", },
-    **{"rl": "rl", "lr": "rl", "hl": "rl", "rr": "rr", "hr": "rr", },
+    **{
+        "fl": "fl",
+        "lf": "fl",
+        "vl": "fl",
+        "fr": "fr",
+        "rf": "fr",
+        "vr": "fr",
+    },
+    **{
+        "rl": "rl",
+        "lr": "rl",
+        "hl": "rl",
+        "rr": "rr",
+        "hr": "rr",
+    },
 }
+_LONG_WORD = 5
 _CUT = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 
@@ -243,10 +278,18 @@ def words(text: str) -> frozenset[Word]:
 
 
 @lru_cache(maxsize=100_000)
+def unknown_words(name: str) -> tuple[str, ...]:
+    """Return the longer words of a name that mean nothing here; they may change what it says."""
+    return tuple(
+        token for token in tokens(name) if len(token) >= _LONG_WORD and not words(token) and not wheel_of(token)
+    )
+
+
+@lru_cache(maxsize=100_000)
 def wheel_of(name: str) -> str:
     """Return which wheel a name tells: "fl", "fr", "rl", "rr", or "" for none."""
     cut = [token for token in tokens(name) if not token.isdigit()]
-    for first, second in zip(cut, cut[1:], strict=False):
+    for first, second in pairwise(cut):
         for axle, side in ((first, second), (second, first)):
             front, rear = axle in _FRONT, axle in _REAR
             left, right = side in _LEFT, side in _RIGHT

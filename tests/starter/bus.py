@@ -78,7 +78,9 @@ def dbc_text(signals: Sequence[Signal]) -> str:
         start = 0
         for each in (each for each in signals if each.name.startswith(f"{message}.")):
             name = each.name.split(".")[1]
-            lines.append(f' SG_ {name} : {start}|{each.bits}@1+ ({each.factor},{each.offset}) [0|0] "{each.unit}" ECU')
+            lines.append(
+                f' SG_ {name} : {start}|{each.bits}@1+ ({each.factor},{each.offset}) [0|0] "{each.unit}" ECU'
+            )
             start += each.bits
             if each.table:
                 after.append(f"VAL_ {0x100 + number} {name} {each.table} ;")

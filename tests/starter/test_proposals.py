@@ -64,7 +64,10 @@ def test_what_is_not_there_is_not_found_among_the_rivals(name: str, tmp_path: Pa
 def test_a_german_car(tmp_path: Path, traffic: Drive) -> None:
     starter = proposed(tmp_path, GERMAN, traffic)
     torque = next(each for each in starter.proposals if each.key == "inputs.engine_torque")
-    assert [term["signal"] for term in torque.fields["sum"]] == ["Motor_1.IndiziertesIstmoment", "Motor_1.Verlustmoment"]
+    assert [term["signal"] for term in torque.fields["sum"]] == [
+        "Motor_1.IndiziertesIstmoment",
+        "Motor_1.Verlustmoment",
+    ]
     assert torque.fields["sum"][1]["factor"] == -1
     found = levels(starter)
     assert found["inputs.engine_speed"] == ("Motordrehzahl", "sure")
@@ -92,7 +95,12 @@ def test_names_without_meaning_are_never_sure(tmp_path: Path, traffic: Drive) ->
     assert "sure" not in {level for _, level in found.values()}
     assert found["inputs.engine_speed"][0] in ("S0", "S12", "S14")  # its own, filtered, shown: nobody can tell
     assert [found[f"inputs.shaft{n}_speed"][0] for n in (1, 2)] == ["S3", "S4"]
-    assert {found[f"inputs.wheel_speeds.{wheel}"][0] for wheel in ("fl", "fr", "rl", "rr")} == {"S6", "S7", "S8", "S9"}
+    assert {found[f"inputs.wheel_speeds.{wheel}"][0] for wheel in ("fl", "fr", "rl", "rr")} == {
+        "S6",
+        "S7",
+        "S8",
+        "S9",
+    }
 
 
 def test_names_without_units_are_not_sure_but_right(tmp_path: Path, traffic: Drive) -> None:
@@ -128,7 +136,10 @@ def test_a_shaft_that_is_called_an_engine(tmp_path: Path, traffic: Drive) -> Non
 
 
 def test_shafts_that_are_numbered_the_other_way_are_doubtful(tmp_path: Path, traffic: Drive) -> None:
-    turned = [speed("Gearbox.InpShaft1Spd", "shaft2_speed_rad_s"), speed("Gearbox.InpShaft2Spd", "shaft1_speed_rad_s")]
+    turned = [
+        speed("Gearbox.InpShaft1Spd", "shaft2_speed_rad_s"),
+        speed("Gearbox.InpShaft2Spd", "shaft1_speed_rad_s"),
+    ]
     starter = proposed(tmp_path, [*without(ENGLISH, "InpShaft1Spd", "InpShaft2Spd"), *turned], traffic)
     for n in (1, 2):
         shaft = next(each for each in starter.proposals if each.key == f"inputs.shaft{n}_speed")
@@ -137,7 +148,14 @@ def test_shafts_that_are_numbered_the_other_way_are_doubtful(tmp_path: Path, tra
 
 
 def test_indicated_torque_without_friction_is_doubtful(tmp_path: Path, traffic: Drive) -> None:
-    burns = Signal("EngineData.EngTrqAct", lambda d: np.maximum(d.engine_torque_nominal_nm + 12.0 + 0.03 * d.engine_speed_rad_s, 0.0), 12, 0.5, 0.0, "Nm")
+    burns = Signal(
+        "EngineData.EngTrqAct",
+        lambda d: np.maximum(d.engine_torque_nominal_nm + 12.0 + 0.03 * d.engine_speed_rad_s, 0.0),
+        12,
+        0.5,
+        0.0,
+        "Nm",
+    )
     found = proposed(tmp_path, [*without(ENGLISH, "EngTrqAct"), burns], traffic)
     torque = next(each for each in found.proposals if each.key == "inputs.engine_torque")
     assert torque.level != "sure"
@@ -150,7 +168,17 @@ def test_a_demand_alone_is_not_sure(tmp_path: Path, traffic: Drive) -> None:
 
 
 def test_one_shaft_alone_is_that_which_drives(tmp_path: Path, traffic: Drive) -> None:
-    first = Signal("Gearbox.InpSpd", lambda d: RPM * np.where(d.clutch1_capacity_nm > d.clutch2_capacity_nm, d.shaft1_speed_rad_s, d.shaft2_speed_rad_s), 16, 0.25, 0.0, "rpm")
+    first = Signal(
+        "Gearbox.InpSpd",
+        lambda d: (
+            RPM
+            * np.where(d.clutch1_capacity_nm > d.clutch2_capacity_nm, d.shaft1_speed_rad_s, d.shaft2_speed_rad_s)
+        ),
+        16,
+        0.25,
+        0.0,
+        "rpm",
+    )
     signals = [*without(ENGLISH, "InpShaft1Spd", "InpShaft2Spd"), first]
     assert levels(proposed(tmp_path, signals, traffic))["inputs.driving_shaft_speed"] == ("InpSpd", "sure")
 
@@ -199,7 +227,9 @@ def test_the_dbc_of_another_car(tmp_path: Path, traffic: Drive) -> None:
     starter = propose([dbc], joined([frames]))
     assert "none of the" in starter.remarks[0]
     assert {each.level for each in starter.proposals} <= {"likely", "guess"} | (
-        {"sure"} if all(e.key.startswith("inputs.wheel") for e in starter.proposals if e.level == "sure") else set()
+        {"sure"}
+        if all(e.key.startswith("inputs.wheel") for e in starter.proposals if e.level == "sure")
+        else set()
     )
 
 
@@ -255,6 +285,14 @@ def test_a_broken_line_costs_no_message(tmp_path: Path) -> None:
 
 
 def test_wheels_of_another_spelling(tmp_path: Path, traffic: Drive) -> None:
-    signals = [*without(ENGLISH, "WhlSpdFL", "WhlSpdFR", "WhlSpdRL", "WhlSpdRR"), *wheels("Abs", ("FrontLeftWheelSpeed", "FrontRightWheelSpeed", "RearLeftWheelSpeed", "RearRightWheelSpeed"))]
-    assert levels(proposed(tmp_path, signals, traffic))["inputs.wheel_speeds.rr"] == ("RearRightWheelSpeed", "sure")
+    signals = [
+        *without(ENGLISH, "WhlSpdFL", "WhlSpdFR", "WhlSpdRL", "WhlSpdRR"),
+        *wheels(
+            "Abs", ("FrontLeftWheelSpeed", "FrontRightWheelSpeed", "RearLeftWheelSpeed", "RearRightWheelSpeed")
+        ),
+    ]
+    assert levels(proposed(tmp_path, signals, traffic))["inputs.wheel_speeds.rr"] == (
+        "RearRightWheelSpeed",
+        "sure",
+    )
     assert KM_H == pytest.approx(1.116)
