@@ -61,10 +61,10 @@ def _stepping(signals: tuple[Entry, ...], data: NDArray[np.uint8]) -> Counter | 
     if top < 3 or len(np.unique(values)) < 3:
         return None
     full = 1 << shift
-    for modulus in dict.fromkeys((full, top)):
-        if modulus < full and modulus not in (full - 1, top):
-            continue
-        share = float(((np.diff(values) % modulus) == 1).mean())
-        if share >= _STEPS and (modulus == full or len(data) > 2 * modulus):
-            return Counter(signals, modulus, values, share)
-    return None
+    shares = {
+        modulus: float(((np.diff(values) % modulus) == 1).mean())
+        for modulus in dict.fromkeys((full, top))
+        if modulus == full or len(data) > 2 * modulus
+    }
+    modulus = max(shares, key=lambda each: shares[each])
+    return Counter(signals, modulus, values, shares[modulus]) if shares[modulus] >= _STEPS else None

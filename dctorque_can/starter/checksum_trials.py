@@ -64,6 +64,7 @@ def trials(
         for name, kind in KINDS.items()
         if kind.bits == bits and not (kind.needs_counter and counter is None) and name not in _SAME_AS_OTHERS
     ]
+    fitting.sort(key=lambda each: each.crc != "hyundai_canfd")  # profile 5 with a known data id: that is told
     for free in (False, True):  # a free start can stand for what another kind has by itself
         for trial in fitting:
             yield from _of_kind(trial, entries, few, sent, free)
@@ -126,7 +127,7 @@ def _other_starts(base: Protection, message: Any, few: Payloads, sent: NDArray[n
     plain = replace(base, crc_start=0, crc_xor=0)
     formed = checksums(message, plain, few)
     if kind.step is Step.SUM:
-        trial = replace(plain, crc_start=int((sent[0] - formed[0]) & np.uint64((1 << kind.bits) - 1)))
+        trial = replace(plain, crc_start=(int(sent[0]) - int(formed[0])) % (1 << kind.bits))
     else:
         trial = replace(plain, crc_xor=int(sent[0] ^ formed[0]))
     if _fits(message, trial, few, sent):
