@@ -54,9 +54,9 @@ def trials(
     )
     for given in declared(entries):
         if (
-            declared.crc in KINDS
-            and declared.crc_signal == base.crc_signal
-            and _fits(message, declared, few, sent)
+            given.crc in KINDS
+            and given.crc_signal == base.crc_signal
+            and _fits(message, given, few, sent)
         ):
             yield given
     fitting = [

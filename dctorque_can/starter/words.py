@@ -99,7 +99,7 @@ _TOKENS: dict[Word, str] = {
         "iss oss ws spd speed rpm n nr vel velocity v w drehz drehzahl dz geschw nmot nin nout spdr rev "
         "revs wss omega vit"
     ),
-    Word.TORQUE: "trq torq torque tq tqi tqe tqfr mom moment md mi couple nm trqe tqr drehmoment moments tor",
+    Word.TORQUE: "trq torq torque tq tqi tqe tqfr mom moment md mi couple trqe tqr drehmoment moments tor",
     Word.GEAR: "gear gang gr gea rapport gears actgear gearact",
     Word.LEVER: "lever lvr lev selector sel shifter prnd prndl waehlhebel wh gsm range fahrstufe sld",
     Word.POSITION: "pos posn position weg stellung travel stroke hub trvl",
