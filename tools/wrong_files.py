@@ -14,13 +14,13 @@ from dctorque_can.offline.simulated_car import (
     ProfileName,
     SimulatedDrive,
     drive_of,
+    frames_of,
     sensors_of,
 )
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import simulate
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
-from dctorque_can.simulation.sensors import emit_frames
 from dctorque_can.study.factors import Car, varied
 
 CARS = ("paper_car", "avante_dct7")
@@ -111,6 +111,19 @@ def in_traffic(
     """
     road = road or Road()
     config = load_config(shipped_config(name), {"vehicle.driven_axle": road.driven_axle})
+    return config, drive_in_traffic(config, seed, seconds, errors, profile, road)
+
+
+def drive_in_traffic(
+    config: Config,
+    seed: int,
+    seconds: float,
+    errors: Mapping[str, float] | None = None,
+    profile: ProfileName = ProfileName.PRODUCTION,
+    road: Road | None = None,
+) -> Frames:
+    """Return the frames of any car's drive through traffic; the arguments are those of `in_traffic`."""
+    road = road or Road()
     vehicle = config.settings.vehicle
     drive = drive_of(config, DriveName.MIXED, seed, max(seconds, 180.0))
     drive = replace(
@@ -124,7 +137,7 @@ def in_traffic(
         clutches = tuple(replace(clutch, drag_nms_per_rad=road.drag) for clutch in car.vehicle.clutches)
         car = replace(car, vehicle=replace(car.vehicle, clutches=clutches))
     truth = simulate(car.vehicle, car.drive, car.powertrain)
-    return config, emit_frames(truth, vehicle, car.sensors, config.database, start_us=START_US)
+    return frames_of(config, truth, car.sensors, START_US)
 
 
 def manoeuvre(name: str, drive: DriveName, unsigned: bool) -> tuple[Config, Frames] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,13 +11,14 @@ import typer
 
 from dctorque_can.cli.console import STDERR, STDOUT, print_json, print_page, progress_bar, say, warn
 from dctorque_can.cli.exit_codes import ExitCode
-from dctorque_can.cli.options import JsonOption, SetOption
+from dctorque_can.cli.options import ForceOption, JsonOption, SetOption
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from dctorque_can.config.load import Config
     from dctorque_can.config.problems import Problem
+    from dctorque_can.evidence.recording import Judged
 
 
 def check(
@@ -26,6 +28,15 @@ def check(
         list[Path] | None,
         typer.Option("--log", metavar="LOG", help="Recording of a drive to hold the file against; or several."),
     ] = None,
+    fix: Annotated[
+        Path | None,
+        typer.Option("--fix", metavar="OUT", help="With --log: write the file with what is certain put right."),
+    ] = None,
+    plots: Annotated[
+        Path | None,
+        typer.Option("--plots", metavar="FOLDER", help="With --log: a picture of each finding into this folder."),
+    ] = None,
+    force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check a vehicle configuration and its DBCs, and show the inputs; with --log also against a recorded drive.
@@ -43,6 +54,12 @@ def check(
         overrides = parse_overrides(set_ or [])
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--set") from error
+    if (fix or plots) and not log:
+        raise typer.BadParameter("needs a recorded drive: --log LOG", param_hint="--fix" if fix else "--plots")
+    if fix and overrides:
+        raise typer.BadParameter(
+            "corrects the file, not what --set lays over it: leave one out", param_hint="--fix"
+        )
     path = find_config(config)
     try:
         loaded = load_config(path, overrides)
@@ -55,7 +72,7 @@ def check(
         raise typer.Exit(ExitCode.ERROR) from error
     found = overview(str(path), loaded.warnings, loaded)
     if log:
-        _against(loaded, log, found, as_json)
+        _against(loaded, log, found, _Wanted(fix, plots, force, as_json))
         return
     if as_json:
         print_json(found)
@@ -64,7 +81,17 @@ def check(
     _show(loaded, found)
 
 
-def _against(config: Config, logs: Sequence[Path], found: dict[str, Any], as_json: bool) -> None:
+@dataclass(frozen=True)
+class _Wanted:
+    """What is made of the findings: a corrected file, pictures, JSON."""
+
+    fix: Path | None
+    plots: Path | None
+    force: bool
+    as_json: bool
+
+
+def _against(config: Config, logs: Sequence[Path], found: dict[str, Any], wanted: _Wanted) -> None:
     """Hold the file against recordings, and show what contradicts it."""
     from dctorque_can.evidence.recording import judge
     from dctorque_can.logs.reader import open_log
@@ -77,14 +104,40 @@ def _against(config: Config, logs: Sequence[Path], found: dict[str, Any], as_jso
     incomplete = incomplete_lines(judged)
     for line in incomplete:
         warn(line)
-    if as_json:
-        print_json(found | judged.as_json() | {"incomplete": incomplete})
-    else:
+    if not wanted.as_json:
         for finding in judged.findings:
             STDOUT.print(finding_line(finding), soft_wrap=True)
         STDOUT.print(summary_line(str(config.path), judged), markup=False, soft_wrap=True)
+    more: dict[str, Any] = {}
+    if wanted.plots:
+        from dctorque_can.report.finding_plots import write_plots
+
+        more["plots"] = [str(path) for path in write_plots(judged.findings, wanted.plots)]
+        say(f"{wanted.plots}: {len(more['plots'])} pictures")
+    if wanted.fix:
+        more["fixed"] = _fix(config, judged, wanted.fix, wanted)
+    if wanted.as_json:
+        print_json(found | judged.as_json() | {"incomplete": incomplete} | more)
     if incomplete or any(finding.severity in CONTRADICTS for finding in judged.findings):
         raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _fix(config: Config, judged: Judged, path: Path, wanted: _Wanted) -> dict[str, Any]:
+    """Write the corrected file, hold it against the same recordings, and show what is left."""
+    from dctorque_can.config.load import load_config
+    from dctorque_can.evidence.fixed_file import write_fixed
+    from dctorque_can.evidence.recording import judge_frames
+    from dctorque_can.report.recording_lines import finding_line, fixed_lines
+
+    fixed = write_fixed(config, judged.findings, path, wanted.force)
+    left = judge_frames(judged.frames, load_config(path))
+    if not wanted.as_json:
+        for line in fixed_lines(fixed, left):
+            STDOUT.print(line, markup=False, soft_wrap=True)
+        for finding in left:
+            STDOUT.print("  ", finding_line(finding), soft_wrap=True)
+    changes = [{"key": edit.key, "value": edit.value, "why": edit.comment} for edit in fixed.changes]
+    return {"file": str(path), "changes": changes, "findings": [finding.as_json() for finding in left]}
 
 
 def _show_problems(problems: Sequence[Problem]) -> None:

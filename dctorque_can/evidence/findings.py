@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from math import ceil
 from typing import Any, Literal
 
@@ -11,6 +11,7 @@ from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.load import Config
 from dctorque_can.config.problems import Problem
 from dctorque_can.evidence.intervals import Interval
+from dctorque_can.evidence.series import Floats
 
 MANY = 0.01
 """Share of the frames of an input from which it is told that something is wrong with them."""
@@ -45,6 +46,23 @@ Severity = Literal["error", "warning", "hint"]
 
 
 @dataclass(frozen=True, slots=True)
+class Picture:
+    """What shows a finding: points as they were recorded, and lines for what the file and what the recording says.
+
+    Attributes:
+        x_label, y_label: of the axes, with units.
+        x, y: the points ``[n]``.
+        lines: name, and the points of each.
+    """
+
+    x_label: str
+    y_label: str
+    x: Floats
+    y: Floats
+    lines: tuple[tuple[str, Floats, Floats], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Finding:
     """Something that a recording says of a vehicle file.
 
@@ -54,6 +72,10 @@ class Finding:
         text: what was found, and what would be right.
         value: number to set at that key, where one was measured; None else.
         sigma: its standard deviation, where that is known; None else.
+        fix: the values that correct it, as YAML by their dotted keys; empty where it is not certain what would be
+            right.
+        explains: findings of the monitor (`plausibility.findings`) that have the same cause.
+        picture: what shows it, if anything does.
     """
 
     severity: Severity
@@ -61,10 +83,13 @@ class Finding:
     text: str
     value: float | None = None
     sigma: float | None = None
+    fix: tuple[tuple[str, str], ...] = ()
+    explains: frozenset[str] = frozenset()
+    picture: Picture | None = field(default=None, compare=False)
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields for a JSON report."""
-        return asdict(self)
+        return {name: getattr(self, name) for name in ("severity", "key", "text", "value", "sigma")}
 
 
 def findings(
@@ -129,7 +154,9 @@ def _periods(entries: Sequence[InputEntry], intervals: Mapping[str, Interval]) -
                     f"{term.message} comes every {measured.median_ms:g} ms, with up to {usual:g} ms in between: "
                     f"after timeout_ms = {timeout_ms:g} it is stale"
                 )
-                yield Finding("warning", f"{entry.key}.timeout_ms", text, float(ceil(ROOM * measured.median_ms)))
+                value = float(ceil(ROOM * measured.median_ms))
+                key = f"{entry.key}.timeout_ms"
+                yield Finding("warning", key, text, value, fix=((key, f"{value:g}"),))
             if told_ms and not 1 / OTHER_PERIOD <= measured.median_ms / told_ms <= OTHER_PERIOD:
                 text = f"{term.message} comes every {measured.median_ms:g} ms, the DBC says {told_ms:g} ms"
                 yield Finding("hint", "databases", text)

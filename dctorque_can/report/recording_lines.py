@@ -10,7 +10,10 @@ from rich.markup import escape
 from dctorque_can.report.traffic_lines import holds_no_frames, missing_lines, short_lines
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from dctorque_can.evidence.findings import Finding
+    from dctorque_can.evidence.fixed_file import Fixed
     from dctorque_can.evidence.recording import Judged
 
 CONTRADICTS = ("error", "warning")
@@ -31,6 +34,15 @@ def summary_line(file: str, judged: Judged) -> str:
     replay = judged.replay
     valid = f"{replay.valid_estimates} of {replay.estimates} estimates with valid clutch torques"
     return f"{file}: {', '.join(parts) or 'nothing'} found in {replay.bus_seconds:.0f} s of traffic; {valid}"
+
+
+def fixed_lines(fixed: Fixed, left: Sequence[Finding]) -> list[str]:
+    """Return what was corrected, and what the recordings say of the corrected file."""
+    lines = [f"{fixed.path}: {edit.key}: {edit.value} ({edit.comment})" for edit in fixed.changes]
+    lines += [f"{fixed.path}: left as it is: {finding.key}" for finding in fixed.left]
+    told = sum(finding.severity in CONTRADICTS for finding in left)
+    says = f"{told} more" if told else "nothing more"
+    return [*lines, f"{fixed.path}: {len(fixed.changes)} values corrected; the same drive contradicts {says}"]
 
 
 def incomplete_lines(judged: Judged) -> list[str]:

@@ -1,0 +1,159 @@
+"""How much later one speed tells of the same motion than another one.
+
+Two speeds in a known ratio, one late by τ: y(t) = a x(t − τ) ≈ a x(t) − a τ dx/dt. Both are smoothed alike,
+so the regression is free of what noise does to a rate. What twists between both grows with the rate of the torque,
+not with the acceleration, and averages out. Wheels that are not driven turn slower than driven ones by the slip of
+these, which grows with their force: it is a term of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dctorque_can.evidence.fits import Number, fit
+from dctorque_can.evidence.moments import SHAFTS, STEP_S, WHEELS, Mask, Moments, lasting, rate, smooth
+from dctorque_can.evidence.series import Floats
+from dctorque_can.evidence.torques import factors
+from dctorque_can.pipeline.samples import Quantity
+
+LEAST_S = 10.0
+MOST_S = 0.25
+"""More than a sensor and a bus can be late by: what fits better then is no delay."""
+_ROUNDS = 3  # of linearisation
+_APART = 0.04  # share by which a speed may be away from the line: more is no such pair
+_ENGINE_SHARE = 0.5
+_MODEL_S = {"engine": 0.3e-3, "wheels": 0.5e-3, "body": 3e-3}
+"""What a delay is wrong by beside chance: twist of damper and shafts; slip of the tyres."""
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """How late a signal is beyond what the file says of it, against most of the others.
+
+    Attributes:
+        quantities: that are measured together.
+        late_s: positive: its frames come later than told.
+        model_s: standard deviation by what the measurement leaves out.
+    """
+
+    quantities: tuple[Quantity, ...]
+    late_s: Number
+    model_s: float
+
+
+def delays(m: Moments) -> list[Delay]:
+    """Return by how much each speed is later than most of them, as far as the drive shows it."""
+    late: dict[tuple[Quantity, ...], list[tuple[Number, float]]] = {}
+    for i, quantity in enumerate(SHAFTS):
+        if m.has(quantity):
+            found = _late(m, m.shaft[i], m.engine, m.locked[i])
+            if found is not None:
+                late.setdefault((quantity,), []).append((_turned(found), _MODEL_S["engine"]))
+    if not late:
+        return []
+    for front in m.driven_fronts if m.measures_driven else []:
+        for i, quantity in enumerate(SHAFTS):
+            if (quantity,) not in late:
+                continue
+            where = m.rolls & (m.ratio[i] > 0.0)
+            found = _late(m, m.shaft[i], m.ratio[i] * m.axle(front), where)
+            if found is not None:
+                late.setdefault(_axle(m, front), []).append(
+                    (_sum(found, late[(quantity,)][0][0]), _MODEL_S["wheels"])
+                )
+    driven = _axle(m, m.driven_fronts[0])
+    if m.knows_body and driven in late and _engine_fits(m):
+        found = _late_body(m)
+        other = _axle(m, not m.driven_fronts[0])
+        if found is not None:
+            late[other] = [(_sum(found, _mean(late[driven])), _MODEL_S["body"])]
+    return _against_most(late)
+
+
+def _engine_fits(m: Moments) -> bool:
+    """Return whether engine torque and inertia fit: the force of the tyres is reckoned from them."""
+    found = factors(m)
+    return found is not None and found.inertia is not None and abs(found.inertia.value - 1.0) < _ENGINE_SHARE
+
+
+def _axle(m: Moments, front: bool) -> tuple[Quantity, ...]:
+    return tuple(each for each in (WHEELS[:2] if front else WHEELS[2:]) if m.has(each))
+
+
+def _late(
+    m: Moments, sooner: Floats, later: Floats, where: Mask, extra: list[Floats] | None = None
+) -> Number | None:
+    """Return by how much ``later`` is late against ``sooner``, s."""
+    y = smooth(later)
+    known = lasting(where, 0.3, 0.3) & np.isfinite(y)
+    total = 0.0
+    number = None
+    for _ in range(_ROUNDS):
+        moved = np.interp(m.t_s - total, m.t_s, sooner) if total else sooner
+        x, speed = smooth(moved), rate(moved)
+        rows = known & np.isfinite(x + speed)
+        for column in extra or []:
+            rows &= np.isfinite(column)
+        rows &= np.abs(y - x) < _APART * np.abs(x) + MOST_S * np.abs(speed)
+        if np.count_nonzero(rows) * STEP_S < LEAST_S:
+            return None
+        columns = [x[rows], -speed[rows], np.ones(int(np.count_nonzero(rows)))]
+        found = fit(m.t_s[rows], columns + [each[rows] for each in extra or []], y[rows], STEP_S)
+        if found is None:
+            return None
+        step = float(found.values[1] / found.values[0])
+        total += step
+        if abs(total) > MOST_S:
+            return None
+        number = Number(total, float(found.sigmas[1] / abs(found.values[0])), found.seconds)
+    return number
+
+
+def _late_body(m: Moments) -> Number | None:
+    """Return by how much the undriven wheels are later than the driven ones, s."""
+    row = np.arange(len(m.t_s))
+    i = np.where(m.locked[0], 0, 1)
+    where = m.rolls & m.free & (m.locked[0] != m.locked[1])
+    ratio = smooth(m.ratio[i, row])
+    inertia = m.vehicle.engine_inertia_kgm2 + m.vehicle.damper.inertia_kgm2
+    force = smooth(m.torque * m.ratio[i, row]) - ratio * inertia * rate(m.engine)
+    slip = smooth(m.wheels) * force
+    found = _late(m, m.body, m.wheels, where, [slip, force])
+    return None if found is None else _turned(found)
+
+
+def _against_most(late: dict[tuple[Quantity, ...], list[tuple[Number, float]]]) -> list[Delay]:
+    """Return delays against that one which most signals agree on: the median, the engine's being zero."""
+    each: dict[tuple[Quantity, ...], tuple[Number, float]]
+    each = {(Quantity.ENGINE_SPEED,): (Number(0.0, 0.0, 0.0), 0.0)}
+    each |= {quantities: (_mean(numbers), numbers[0][1]) for quantities, numbers in late.items()}
+    values = sorted(number.value for number, _ in each.values())
+    common = values[(len(values) - 1) // 2]
+    spread = min(number.sigma for quantities, (number, _) in each.items() if quantities in late)
+    return [
+        Delay(
+            quantities,
+            Number(number.value - common, float(np.hypot(number.sigma, spread)), number.seconds),
+            model,
+        )
+        for quantities, (number, model) in each.items()
+    ]
+
+
+def _turned(number: Number) -> Number:
+    return Number(-number.value, number.sigma, number.seconds)
+
+
+def _sum(first: Number, second: Number) -> Number:
+    sigma = float(np.hypot(first.sigma, second.sigma))
+    return Number(first.value + second.value, sigma, min(first.seconds, second.seconds))
+
+
+def _mean(numbers: list[tuple[Number, float]]) -> Number:
+    """Return the mean weighted by variances."""
+    weights = np.array([1.0 / number.sigma**2 for number, _ in numbers])
+    values = np.array([number.value for number, _ in numbers])
+    seconds = sum(number.seconds for number, _ in numbers)
+    return Number(float(weights @ values / weights.sum()), float(weights.sum() ** -0.5), seconds)
