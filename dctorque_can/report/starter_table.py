@@ -55,7 +55,7 @@ def gap_lines(starter: Starter) -> list[str]:
 
 def summary(starter: Starter, file: str) -> str:
     """Return how much was found, in one sentence."""
-    levels = [each.level for each in starter.proposals]
+    levels: list[str] = [each.level for each in starter.proposals]
     counts = ", ".join(f"{levels.count(level)} {level}" for level in _STYLES)
     source = f"{starter.seconds:.0f} s of log" if starter.seconds else "no log"
     return f"{file}: {len(levels)} proposals ({counts}) from {source}; {len(starter.gaps)} keys not found"

@@ -53,11 +53,7 @@ def trials(
         counter_modulus=counter.modulus if counter is not None else 16,
     )
     for given in declared(entries):
-        if (
-            given.crc in KINDS
-            and given.crc_signal == base.crc_signal
-            and _fits(message, given, few, sent)
-        ):
+        if given.crc in KINDS and given.crc_signal == base.crc_signal and _fits(message, given, few, sent):
             yield given
     fitting = [
         replace(base, crc=name)
@@ -121,7 +117,7 @@ def _fits(message: Any, protection: Protection, few: Payloads, sent: NDArray[np.
 def _other_starts(base: Protection, message: Any, few: Payloads, sent: NDArray[np.uint64]) -> Iterator[Protection]:
     """Yield the kind with another start or end, if one makes all fit.
 
-    Of a sum the start is what is missing in each frame. A CRC is linear: with the start 0 its end is what is missing.
+    Of a sum the start is what is missing in each frame. A CRC is linear: with the start 0 that is its end.
     """
     kind = KINDS[base.crc]
     plain = replace(base, crc_start=0, crc_xor=0)

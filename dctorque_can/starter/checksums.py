@@ -64,9 +64,11 @@ def checksums(message: Message, protection: Protection, payloads: Payloads) -> W
 
 def _with_bytes(register: Words, byte: Words, rule: SimpleNamespace) -> Words:
     """Return the registers after one byte more each, as `_with_byte` of `bus.protection` does it."""
-    table = CRC_TABLES[rule.crc_table]
+    table: Words = CRC_TABLES[rule.crc_table]
     if rule.crc_step == Step.LOW_BYTE:
-        return (register >> np.uint64(8)) ^ table[(register ^ byte) & np.uint64(0xFF)]
-    if rule.crc_step == Step.SUM:
-        return register + table[byte]
-    return (register << np.uint64(8)) ^ table[((register >> np.uint64(8)) ^ byte) & np.uint64(0xFF)]
+        stepped: Words = (register >> np.uint64(8)) ^ table[(register ^ byte) & np.uint64(0xFF)]
+    elif rule.crc_step == Step.SUM:
+        stepped = register + table[byte]
+    else:
+        stepped = (register << np.uint64(8)) ^ table[((register >> np.uint64(8)) ^ byte) & np.uint64(0xFF)]
+    return stepped

@@ -212,10 +212,10 @@ def _state_values(
     if material.recording is None or locked is None or motion is None or not material.lives(entry):
         return {}, ""
     grid = material.recording.on_grid(entry)
-    raw = np.round((grid - entry.layout.offset) / entry.layout.scale)
+    raws = np.round((grid - entry.layout.offset) / entry.layout.scale)
     found: dict[int, str] = {}
     for value in material.recording.raw_values(entry):
-        here = raw == value
+        here = raws == value
         if here.sum() < 10:
             continue
         holds, rests = float(locked.where[here].mean()), float(motion.resting[here].mean())

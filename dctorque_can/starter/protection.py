@@ -59,7 +59,7 @@ def find_protection(entries: Sequence[Entry], recording: Recording | None) -> Pr
     called = [e for e in entries if {Word.CHECKSUM, Word.COUNTER} & e.own]
     if recording is None or not recording.has(entries[0]):
         if any(True for p in declared(entries)):
-            return _asdeclared(entries, "likely", "the DBC declares it; no log to hold it against")
+            return _as_declared(entries, "likely", "the DBC declares it; no log to hold it against")
         names = ", ".join(e.signal.name for e in called)
         return f"{names}: no log to find the kind of checksum and the counter in" if called else ""
     payloads = _payloads(recording, message.name, message.length)
@@ -87,11 +87,13 @@ def find_protection(entries: Sequence[Entry], recording: Recording | None) -> Pr
 def _payloads(recording: Recording, message: str, length: int) -> NDArray[np.uint8]:
     frames = recording.frames_of(message)
     channels = np.bincount(frames.channel)
-    data = frames.data[(frames.length >= length) & (frames.channel == int(np.argmax(channels)))][:_MOST_FRAMES]
+    data: NDArray[np.uint8] = frames.data[
+        (frames.length >= length) & (frames.channel == int(np.argmax(channels)))
+    ][:_MOST_FRAMES]
     return data[:, :length] if data.shape[1] >= length else data[:0]
 
 
-def _asdeclared(entries: Sequence[Entry], level: Level, why: str) -> ProtectionFound:
+def _as_declared(entries: Sequence[Entry], level: Level, why: str) -> ProtectionFound:
     protection = next(iter(declared(entries)))
     return ProtectionFound(protection.message, level, _fields(protection), (why,))
 

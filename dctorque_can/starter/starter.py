@@ -305,7 +305,7 @@ def _wheel_unit(
         ):
             return (
                 unit,
-                f"with it engine and wheels have ratios from {longest / factor:.1f} to {shortest / factor:.1f}, as in cars",
+                f"with it engine to wheels is {longest / factor:.1f} to {shortest / factor:.1f}, as in cars",
             )
     return None
 

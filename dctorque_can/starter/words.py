@@ -90,7 +90,8 @@ _TOKENS: dict[Word, str] = {
         "em emot emotor ema emachine motrac mtrtrac elm hyb hybrid hev isg bsg generator mg1 mg2 stm mtr ev"
     ),
     Word.ACCESSORY: (
-        "fluid trailer trlr pad wear vacuum booster boost fan pump pmp comp cmpr compressor elcmpr ac hvac clim klima fatc blower water oil turbo alt "
+        "fluid trailer trlr pad wear vacuum booster boost "
+        "fan pump pmp comp cmpr compressor elcmpr ac hvac clim klima fatc blower water oil turbo alt "
         "alternator scr dosing wiper wash seat window radio radar acan opi cooling awd 4wd allrad lck "
         "lock hldc tpms tire tyre start"
     ),

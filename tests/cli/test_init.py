@@ -62,7 +62,15 @@ def test_json_has_the_same(dctorque, log: Path) -> None:
     found = {each["key"]: each for each in result["proposals"]}
     assert found["inputs.engine_speed"]["signals"] == ["EngineData.EngineSpeed"]
     assert found["inputs.wheel_speeds.rl"]["signals"] == ["WheelSpeedsRear.WheelSpeedRL"]
-    assert set(found["inputs.engine_speed"]) == {"key", "signals", "level", "merit", "why", "fields", "alternatives"}
+    assert set(found["inputs.engine_speed"]) == {
+        "key",
+        "signals",
+        "level",
+        "merit",
+        "why",
+        "fields",
+        "alternatives",
+    }
     assert result["seconds"] == pytest.approx(16, abs=0.5)
     protections = {each["message"]: each["fields"]["crc"] for each in result["protections"]}
     assert protections["EngineData"] == "e2e_p01"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ class Signal:
     """One signal: ``Message.Name``, what it carries, and how."""
 
     name: str
-    values: Callable[[Drive], Floats]
+    values: Callable[[Drive], NDArray[Any]]
     bits: int = 16
     factor: float = 1.0
     offset: float = 0.0

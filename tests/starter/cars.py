@@ -74,7 +74,8 @@ RIVALS = [
     Signal("Brakes2.BrkTrqReq", lambda d: d.brake_n * 0.31, 14, 1.0, 0.0, "Nm"),
     Signal("Brakes2.ParkBrkAct", lambda d: (d.wheel < 0.1) * 1.0, 1),
 ]
-"""What is mistaken for it: set points, filtered and shown values, limits, rates, demands, other shafts and levers."""
+"""What is mistaken for it: set points, filtered and shown values, limits, rates, demands, other shafts, levers."""
+_GEARS = "".join(f'{gear} "Gang {gear}" ' for gear in range(1, 8)) + '0 "kein Gang" 8 "Rückwärtsgang" 15 "Fehler"'
 GERMAN = [
     speed("Motor_1.Motordrehzahl", "engine_speed_rad_s", unit="1/min"),
     Signal(
@@ -95,13 +96,13 @@ GERMAN = [
         "Getriebe_1.Istgang",
         lambda d: d.gear,
         4,
-        table='0 "kein Gang" 1 "Gang 1" 2 "Gang 2" 3 "Gang 3" 4 "Gang 4" 5 "Gang 5" 6 "Gang 6" 7 "Gang 7" 8 "Rückwärtsgang" 15 "Fehler"',
+        table=_GEARS,
     ),
     Signal(
         "Getriebe_1.Zielgang",
         lambda d: d.later(d.gear, -0.4),
         4,
-        table='0 "kein Gang" 1 "Gang 1" 2 "Gang 2" 3 "Gang 3" 4 "Gang 4" 5 "Gang 5" 6 "Gang 6" 7 "Gang 7" 8 "Rückwärtsgang" 15 "Fehler"',
+        table=_GEARS,
     ),
     Signal("Getriebe_1.Kupplung1_Position", lambda d: d.clutch1_position_mm, 12, 0.01, 0.0, "mm"),
     Signal("Getriebe_1.Kupplung2_Position", lambda d: d.clutch2_position_mm, 12, 0.01, 0.0, "mm"),

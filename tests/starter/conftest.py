@@ -1,4 +1,4 @@
-"""One drive for all of these tests: three minutes of traffic with launches, stops, and all gears."""
+"""One drive for all of these tests: traffic with launches, stops, and all gears."""
 
 import pytest
 

@@ -14,7 +14,7 @@ from dctorque_can.starter.databases import read_dbc
 from dctorque_can.starter.recording import joined
 from dctorque_can.starter.starter import propose
 
-from .bus import KM_H, RPM, Drive, Signal, dbc_text, frames_of, levels, proposed, written
+from .bus import RPM, Drive, Signal, dbc_text, frames_of, levels, proposed, written
 from .cars import ENGLISH, GERMAN, NAMELESS, RIVALS, speed, wanted, wheels
 
 ENGLISH_TRUTH = {
@@ -295,4 +295,3 @@ def test_wheels_of_another_spelling(tmp_path: Path, traffic: Drive) -> None:
         "RearRightWheelSpeed",
         "sure",
     )
-    assert KM_H == pytest.approx(1.116)
