@@ -281,8 +281,11 @@ def words(text: str) -> frozenset[Word]:
 @lru_cache(maxsize=100_000)
 def unknown_words(name: str) -> tuple[str, ...]:
     """Return the longer words of a name that mean nothing here; they may change what it says."""
+    known = _LEFT | _RIGHT | _FRONT | _REAR
     return tuple(
-        token for token in tokens(name) if len(token) >= _LONG_WORD and not words(token) and not wheel_of(token)
+        token
+        for token in tokens(name)
+        if len(token) >= _LONG_WORD and token not in known and not words(token) and not wheel_of(token)
     )
 
 
