@@ -33,7 +33,10 @@ _OTHER = frozenset(
 )
 POSITION = Rule(
     Dimension.AS_IS,
-    needs=[(frozenset({Word.CLUTCH}), 2.0), (frozenset({Word.POSITION, Word.PRESSURE, Word.CLUTCH}), 0.5)],
+    needs=[
+        (frozenset({Word.CLUTCH, Word.POSITION}), 1.0),
+        (frozenset({Word.CLUTCH}), 1.5),
+    ],
     likes=frozenset({Word.ACTUAL, Word.POSITION, Word.PRESSURE}),
     against=_OTHER - {Word.SPEED},
     bits=(6, 32),

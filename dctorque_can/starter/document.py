@@ -163,6 +163,14 @@ def _lines(starter: Starter, each: Proposal | Gap, indent: int) -> list[str]:
         word = "GAP, needed" if each.needed else "GAP"
         return [*_comment([f"{word}: {each.why}"], indent), f"{pad}# {key}: {{signal: Message.Signal}}"]
     told = [f"{each.level}: {'; '.join(each.why)}"]
+    if each.entry.message.name in starter.periods:
+        period = starter.periods[each.entry.message.name]
+        told[0] += f"; comes every {period.median_ms:g} ms, seldom after {period.longest_usual_ms:g} ms"
+    if each.entry.name in starter.no_value:
+        by_table = set(starter.no_value[each.entry.name]) == set(each.entry.no_value)
+        told.append(
+            "no value: " + ("by the value table" if by_table else "all bits are set in the log, far from the rest")
+        )
     if each.entry.name in starter.units:
         unit, why = starter.units[each.entry.name]
         told.append(f"unit: the DBC has none; {unit}: {why}")

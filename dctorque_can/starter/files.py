@@ -12,8 +12,9 @@ from dctorque_can.logs.output_file import refuse_existing
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.starter.databases import read_dbc
+from dctorque_can.starter.propose import propose
 from dctorque_can.starter.recording import joined
-from dctorque_can.starter.starter import Starter, propose
+from dctorque_can.starter.starter import Starter
 
 
 def propose_from_files(

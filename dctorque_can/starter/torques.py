@@ -182,7 +182,8 @@ def _with_friction(
     entry = proposal.entry
     same = [e for e in material.entries if e.unit == entry.unit and e.name != entry.name]
     friction = ranked(material.candidates(FRICTION, same))
-    indicated = Word.INDICATED in entry.own | entry.comment
+    in_comment = Word.INDICATED in entry.comment and Word.NET not in entry.comment
+    indicated = Word.INDICATED in entry.own or in_comment
     if not material.lives(entry) or motion is None or engine_speed is None:
         if not indicated:
             return proposal

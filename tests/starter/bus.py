@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from dctorque_can.bus.layout import SignalLayout
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.starter.databases import Dbc, read_dbc
+from dctorque_can.starter.propose import propose
 from dctorque_can.starter.recording import joined
-from dctorque_can.starter.starter import Starter, propose
+from dctorque_can.starter.starter import Starter
 
 Floats = NDArray[np.float64]
 RPM = 30 / np.pi

@@ -11,8 +11,8 @@ import pytest
 from dctorque_can.errors import DctorqueError
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.starter.databases import read_dbc
+from dctorque_can.starter.propose import propose
 from dctorque_can.starter.recording import joined
-from dctorque_can.starter.starter import propose
 
 from .bus import RPM, Drive, Signal, dbc_text, frames_of, levels, proposed, written
 from .cars import ENGLISH, GERMAN, NAMELESS, RIVALS, speed, wanted, wheels
@@ -127,6 +127,15 @@ def test_two_equal_signals_are_not_sure(tmp_path: Path, traffic: Drive) -> None:
     twin = speed("Gateway.EngSpd", "engine_speed_rad_s")
     found = levels(proposed(tmp_path, [*ENGLISH, twin], traffic))
     assert found["inputs.engine_speed"] == ("EngSpd", "likely")
+
+
+def test_a_unit_that_cannot_be_is_doubted(tmp_path: Path, traffic: Drive) -> None:
+    """Wheels in km/h that the DBC calls m/s: no car has total ratios from 4.8 down to 0.7."""
+    wrong = [replace(each, unit="m/s") if each.unit == "km/h" else each for each in ENGLISH]
+    starter = proposed(tmp_path, wrong, traffic)
+    wheel = next(each for each in starter.proposals if each.key == "inputs.wheel_speeds.fl")
+    assert wheel.level == "likely"
+    assert "is a unit wrong?" in wheel.why[-1]
 
 
 def test_a_shaft_that_is_called_an_engine(tmp_path: Path, traffic: Drive) -> None:
