@@ -67,7 +67,18 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "design": ("driveline", "estimators", *WORDS, "pipeline.settings", "config"),
     "evidence": ("chain", "driveline", *WORDS, "bus", "logs", "config", "analysis", "offline"),
     "identify": ("chain", "driveline", *WORDS, "logs", "config", "analysis", "evidence"),
-    "report": (*WORDS, "clutch_maps.rows", "analysis", "config", "design", "study", "evidence", "identify"),
+    "starter": (*WORDS, "driveline.parameters", "bus", "logs", "config.units"),
+    "report": (
+        *WORDS,
+        "clutch_maps.rows",
+        "analysis",
+        "config",
+        "design",
+        "study",
+        "evidence",
+        "identify",
+        "starter",
+    ),
     "cli": (
         "driveline",
         "estimators",
@@ -85,6 +96,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "evidence",
         "identify",
         "study",
+        "starter",
         "report",
     ),
 }
@@ -122,6 +134,7 @@ NO_COMPILED_CODE = (
     "identify",
     "offline",
     "report",
+    "starter",
     "study",
 )
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools"}

@@ -32,6 +32,7 @@ COMMANDS = (
     "demo",
     "compare",
     "study",
+    "init",
     "check",
     "clutch-map",
     "identify",
