@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import erfcx
 
 from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.evidence.fits import Number
@@ -163,8 +164,21 @@ def kissing_point(m: Moments, clutch: int, closes_increasing: bool) -> Kiss | No
     best = int(np.argmin(costs))
     likely = points[costs < 2.0 * costs[best]]
     sigma = float(np.hypot(found[best][1], np.ptp(likely) / np.sqrt(12.0)))
-    point = Number(sign * float(points[best]), sigma, np.count_nonzero(where) * STEP_S)
-    return Kiss(point, sign * way[where], torque[where])
+    begins = beyond(Number(float(points[best]), sigma, np.count_nonzero(where) * STEP_S), sign * seen.other_holds)
+    return Kiss(Number(sign * begins.value, begins.sigma, begins.seconds), sign * way[where], torque[where])
+
+
+def beyond(number: Number, least: float) -> Number:
+    """Return what is known of a number, a normal distribution, when it is also known to be more than ``least``.
+
+    Where a clutch waits while the other one has all of the torque, it carries none: it begins further on.
+    """
+    if number.sigma <= 0.0:
+        return Number(max(number.value, least), number.sigma, number.seconds)
+    z = (least - number.value) / number.sigma
+    hazard = float(np.sqrt(2.0 / np.pi) / erfcx(z / np.sqrt(2.0)))  # φ/(1 − Φ)
+    spread = float(np.sqrt(max(1.0 + z * hazard - hazard**2, 1e-6)))
+    return Number(number.value + number.sigma * hazard, number.sigma * spread, number.seconds)
 
 
 def _binned(x: Floats, y: Floats, width: float) -> tuple[Floats, Floats]:

@@ -147,8 +147,8 @@ def common(solution: Solution) -> dict[str, tuple[float, float]]:
         n = len(rows)
         centre = np.eye(n) - 1.0 / n
         apart = np.sqrt(np.maximum(np.diag(centre @ covariance @ centre.T), 0.0).max())
-        scale = 1000.0 if group == "delays" else 1.0
-        found[group] = (scale * float(np.sqrt(covariance.mean())), scale * float(apart))
+        scale, model = (1000.0, MODEL_LATE_MS) if group == "delays" else (1.0, MODEL["ratios"])
+        found[group] = (scale * float(np.sqrt(covariance.mean())), hypot(scale * float(apart), model))
     return found
 
 

@@ -9,8 +9,10 @@ import numpy as np
 
 from dctorque_can.starter.catalogue import Entry
 from dctorque_can.starter.gear_values import (
+    NEUTRAL,
     Meaning,
     RatioByValue,
+    between_gears,
     gears_of_table,
     gears_reached,
     meaning_of,
@@ -102,6 +104,12 @@ class GearJudge:
             found = meaning_of(entry, ratios, numbers)
         if found is None:
             return Meaning({}, "values: a gap, neither table nor log tell them", False)
+        if NEUTRAL not in named.values() and self._material.lives(entry):
+            gears = {raw: gear for raw, gear in found.values.items() if gear != NEUTRAL}
+            between = between_gears(self.raw(entry), {*gears, *named})
+            if between is not None:
+                why = f"{found.why}; raw {between} comes between them"
+                found = replace(found, values=gears | {between: NEUTRAL}, why=why)
         return Meaning(dict(sorted((found.values | named).items())), f"values: {found.why}", found.sure)
 
     def values(self, entry: Entry) -> dict[int, int]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -28,6 +29,7 @@ _FORWARD = re.compile(r"(?<![\d.])(?:gear|gang|g|d|m|s)?[ _]?0?(1[0-5]|[1-9])(?:
 _SHORTEST_STEPS = 20
 _AFTER_STEPS, _LATE_STEPS = 10, 25  # of 20 ms
 _TIGHT, _APART = 0.03, 0.05
+_FEWEST_CHANGES, _MOSTLY = 3, 0.8  # of gears, between which a value comes
 _LASTS = 0.25  # of the driving at a value, in which the ratio lasts: in neutral a shaft drifts
 _LOWEST, _STEP = (9.0, 24.0), (1.08, 1.9)
 
@@ -174,6 +176,26 @@ def meaning_of(entry: Entry, ratios: Mapping[int, float], numbers: Mapping[int, 
     if not rises:
         return None
     return Meaning(values, f"no value table; numbered by their ratios, engine to wheels ({listed})", False)
+
+
+def between_gears(raw: Floats, known: Set[int]) -> int | None:
+    """Return the raw value that comes between known ones: that of neutral; None where no one value mostly does.
+
+    Args:
+        raw: of a gear signal on the grid ``[n]``, NaN where none.
+        known: raw values whose meaning is known.
+    """
+    told = raw[np.isfinite(raw)]
+    values = told[np.flatnonzero(np.diff(told, prepend=np.nan) != 0)].astype(np.int64).tolist()
+    between = Counter(
+        value
+        for before, value, after in zip(values, values[1:], values[2:], strict=False)
+        if before in known and after in known and value not in known
+    )
+    if not between:
+        return None
+    value, count = between.most_common(1)[0]
+    return value if count >= _FEWEST_CHANGES and count > _MOSTLY * between.total() else None
 
 
 def without_reverse(ratios: Mapping[int, float], raw: Floats) -> dict[int, float]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dctorque_can.starter.gear_values import (
+    between_gears,
     gear_of_text,
     gears_reached,
     numbered,
@@ -64,3 +65,10 @@ def test_a_target_leads_to_the_actual_gear() -> None:
     preselected = np.repeat([2.0, 3.0, 2.0, 1.0, 2.0], 200)
     values, share = gears_reached(preselected, actual)
     assert (values, share) == ({2: 2, 3: 3, 1: 1}, 1.0)
+
+
+def test_what_comes_between_gears_is_neutral() -> None:
+    raw = np.array([6, 6, 3, 8, 3, 6, 3, 10, np.nan, 10, 3, 3, 8, 15, 8], float)
+    assert between_gears(raw, {6, 8, 10}) == 3
+    assert between_gears(raw, {3, 6, 8, 10}) is None  # 15 came once
+    assert between_gears(np.array([6.0, 8.0, 10.0, 8.0]), {6, 8, 10}) is None
