@@ -68,7 +68,7 @@ def test_a_target_leads_to_the_actual_gear() -> None:
 
 
 def test_what_comes_between_gears_is_neutral() -> None:
-    raw = np.array([6, 6, 3, 8, 3, 6, 3, 10, np.nan, 10, 3, 3, 8, 15, 8], float)
+    raw = np.array([6, 6, 3, 8, 3, 6, 3, 10, np.nan, 10, 3, 3, 8, 15, 8, 3, 6], float)
     assert between_gears(raw, {6, 8, 10}) == 3
     assert between_gears(raw, {3, 6, 8, 10}) is None  # 15 came once
     assert between_gears(np.array([6.0, 8.0, 10.0, 8.0]), {6, 8, 10}) is None
