@@ -15,7 +15,7 @@ _COVERED = 2.0  # standard deviations
 
 @dataclass(frozen=True)
 class MapErrors:
-    """Map minus truth at the true actuation, wherever the clutch slipped between two valid nodes.
+    """Map minus truth at the actuation, wherever the clutch slipped between two valid nodes.
 
     A map is held against the time after it, until the next one: what it predicts.
 
@@ -43,7 +43,7 @@ class MapErrors:
 
 
 def map_errors(
-    rows: NDArray[np.void], truth: NDArray[np.void], clutch: int, scale: float = 1.0
+    rows: NDArray[np.void], truth: NDArray[np.void], clutch: int, actuation: NDArray[np.float64]
 ) -> MapErrors | None:
     """Hold the maps of one clutch against the truth; None: it slipped nowhere that a map was valid.
 
@@ -51,7 +51,8 @@ def map_errors(
         rows: `CLUTCH_MAP` ``[n]`` of any clutches, in order of time.
         truth: of the drive, one row a millisecond.
         clutch: 1 or 2.
-        scale: unit of the actuation on the bus over the truth's, mm.
+        actuation: of that clutch at each row of the truth ``[len(truth)]``, in the unit of the maps; NaN where it
+            is not known.
     """
     rows = rows[rows["clutch"] == clutch]
     found: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
@@ -59,10 +60,10 @@ def map_errors(
     slips = truth[f"phase{clutch}"] == ClutchPhase.SLIPPING
     for row, end in zip(rows, ends, strict=True):
         first, last = np.searchsorted(truth["t_us"], [row["t_us"], end])
-        part = truth[first:last][slips[first:last]]
+        part, acts = truth[first:last][slips[first:last]], actuation[first:last][slips[first:last]]
         order = np.argsort(row["actuation"], kind="stable")
         grid, valid = row["actuation"][order], row["valid"][order] > 0
-        x = scale * part[f"clutch{clutch}_position_mm"]
+        x = np.nan_to_num(acts, nan=np.inf)
         place = np.clip(np.searchsorted(grid, x) - 1, 0, len(grid) - 2)
         inside = (x >= grid[0]) & (x <= grid[-1]) & valid[place] & valid[place + 1]
         x, capacity = x[inside], part[f"clutch{clutch}_capacity_nm"][inside]

@@ -34,7 +34,7 @@ from dctorque_can.identify.unknowns import (
 )
 
 ROUNDS = 5
-_WORSE = 1.0  # logarithm of a likelihood that is less by chance
+_WORSE = 3.0  # logarithm of a likelihood that is less by chance: one of a hundred is less by more
 HELD_OUT_S = 60.0
 """One such stretch of a recording is fitted, the next one is held out, and so on."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import floor, log10
 
 from dctorque_can.config.load import Config
 from dctorque_can.evidence.draft import number
@@ -30,10 +31,7 @@ def _digits(result: Result) -> int:
     value, sigma = abs(result.after.value), result.after.sigma
     if value <= 0.0 or sigma <= 0.0:
         return 4
-    digits = 2
-    while digits < 7 and value / sigma > 10.0 ** (digits - 1):
-        digits += 1
-    return max(digits, 3)
+    return min(max(floor(log10(value / sigma)) + 3, 3), 8)
 
 
 def identified_text(config: Config, edits: Sequence[Edit]) -> str:

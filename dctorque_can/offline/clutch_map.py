@@ -12,14 +12,18 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.map_errors import MapErrors, map_errors
 from dctorque_can.analysis.traffic import Traffic
+from dctorque_can.bus.decoder import Decoder
 from dctorque_can.chain import NO_MAP_ROWS, Chain
 from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.kept_maps import KeptMaps, begun, packed
+from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.reorder import Reorder
 from dctorque_can.offline.replay import mapped_messages, reorder_window_us, truth_of
+from dctorque_can.pipeline.frames import Frames
+from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,7 @@ def learn_maps(
     content = None if kept is None else kept.read()
     chain = Chain(config, maps=None if content is None else begun(content, config)[0])
     truths = [truth_of(reader.path) for reader in logs] if truth else []
+    actuations = _Actuations(config) if truth else None
     traffic = Traffic(mapped_messages(config))
     found: list[NDArray[np.void]] = [NO_MAP_ROWS]
     for number, reader in enumerate(logs):
@@ -95,6 +100,8 @@ def learn_maps(
             traffic.take(frames)
             chain.feed(frames)
             found.append(chain.map_rows())
+            if actuations is not None:
+                actuations.take(frames)
             progress((number + reader.fraction) / len(logs))
     assert chain.maps is not None
     last = chain.maps.now()
@@ -113,7 +120,45 @@ def learn_maps(
         clutches=len(last),
         problems=[problem for reader in logs for problem in reader.problems],
         errors={}
-        if all_truth is None
-        else {n: map_errors(rows, all_truth, n) for n in sorted(set(last["clutch"].tolist()))},
+        if all_truth is None or actuations is None
+        else {
+            n: map_errors(rows, all_truth, n, actuations.at(n, all_truth["t_us"]))
+            for n in sorted(set(last["clutch"].tolist()))
+        },
         state=None if kept is None else kept.path,
     )
+
+
+class _Actuations:
+    """What the bus tells of what closes the clutches, to be had at any time.
+
+    Args:
+        config: of the car.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._inputs = {}
+        for clutch in (1, 2):
+            command = config.settings.phases.clutches[clutch - 1].source is PhaseSource.COMMAND
+            first = Quantity.CLUTCH1_COMMAND if command else Quantity.CLUTCH1_POSITION
+            for given in config.inputs:
+                if given.quantity == first + clutch - 1:
+                    self._inputs[clutch] = given
+        self._decoder = Decoder(config.database, config.inputs, config.protections, config.addresses)
+        self._samples: list[Samples] = []
+
+    def take(self, frames: Frames) -> None:
+        """Keep the samples of frames."""
+        samples = self._decoder.decode(frames)
+        wanted = [given.quantity for given in self._inputs.values()]
+        self._samples.append(samples[(samples.status == SampleStatus.OK) & np.isin(samples.quantity, wanted)])
+
+    def at(self, clutch: int, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the actuation at times ``[n]``, by straight lines between samples; NaN where it is not told."""
+        given = self._inputs.get(clutch)
+        mine = [each[each.quantity == given.quantity] for each in self._samples] if given is not None else []
+        if given is None or not sum(map(len, mine)):
+            return np.full(len(t_us), np.nan)
+        taken_us = np.concatenate([each.t_us for each in mine]) - given.delay_us
+        values = np.concatenate([each.value for each in mine])
+        return np.asarray(np.interp(t_us, taken_us, values, left=np.nan, right=np.nan), np.float64)

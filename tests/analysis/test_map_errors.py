@@ -28,7 +28,7 @@ def maps(times, offsets, sigma=3.0):
 
 
 def test_each_map_is_held_against_the_time_after_it():
-    found = map_errors(maps([0, 500_000], [4.0, -8.0]), truth(), 1)
+    found = map_errors(maps([0, 500_000], [4.0, -8.0]), truth(), 1, truth()["clutch1_position_mm"])
     assert found.milliseconds == 1000
     assert found.rms_nm == pytest.approx(np.sqrt((16.0 + 64.0) / 2.0))
     assert found.rms_share == pytest.approx(found.rms_nm / 160.0)
@@ -41,8 +41,21 @@ def test_only_where_it_slips_and_both_nodes_are_valid():
     rows, real = maps([0], [5.0]), truth()
     real["phase1"][:250] = 2
     rows["valid"][0, 12:] = 0
-    found = map_errors(rows, real, 1)
+    found = map_errors(rows, real, 1, real["clutch1_position_mm"])
     assert found.milliseconds == np.sum((real["clutch1_position_mm"] <= rows["actuation"][0, 11])[250:])
     rows["valid"] = 0
-    assert map_errors(rows, real, 1) is None
-    assert map_errors(rows, real, 2) is None
+    assert map_errors(rows, real, 1, real["clutch1_position_mm"]) is None
+    assert map_errors(rows, real, 2, real["clutch2_position_mm"]) is None
+
+
+def test_the_unit_is_that_of_the_bus():
+    """A position in %, that closes downwards."""
+    real = truth()
+    percent = 100.0 - 10.0 * real["clutch1_position_mm"]
+    rows = maps([0], [5.0])
+    rows["actuation"] = 100.0 - 10.0 * rows["actuation"]
+    found = map_errors(rows, real, 1, percent)
+    assert found.milliseconds == 1000
+    assert found.rms_nm == pytest.approx(5.0)
+    percent[:300] = np.nan
+    assert map_errors(rows, real, 1, percent).milliseconds == 700
