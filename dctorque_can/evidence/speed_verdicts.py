@@ -34,6 +34,9 @@ from dctorque_can.pipeline.samples import Quantity
 
 LARGE = 0.04
 """Share by which a speed must be off for torques not to be valid: the filter takes it for a clutch that slips."""
+TINY = 0.0007
+"""Share by which a radius that is off in all gears alike is told: ratios with three digits are as good."""
+FEWEST_GEARS = 3
 FEW_CAUSES = 3
 """More wrong scales at once are none: something else is wrong."""
 AXLE_SLOPE = 0.001
@@ -109,7 +112,28 @@ def scales(m: Moments, draft: Draft) -> list[Finding]:
         return list(_misread(m, draft, misread))
     if len(found) > FEW_CAUSES:
         return []
-    return [each for cause in found for each in _scale(m, draft, cause)]
+    return [each for cause in found for each in _scale(m, draft, cause)] or _radius(m, draft)
+
+
+def _radius(m: Moments, draft: Draft) -> list[Finding]:
+    """Return the wheel radius, where road speeds are turned by another one than the brakes have it.
+
+    However honest a radius is: a filter that is told a stiff shaft takes what is left of a speed for its twist.
+    """
+    wheels = [each for each in WHEELS if m.has(each)]
+    if not wheels or not _is_road_speed(draft.unit(wheels[0])):
+        return []
+    by_gear: dict[str, list[float]] = {}
+    for each in comparisons(m):
+        for part in each.parts:
+            if part.startswith("gear "):
+                by_gear.setdefault(part, []).append(each.log.value)
+    off = np.array([np.mean(values) for values in by_gear.values()])
+    if len(off) < FEWEST_GEARS:
+        return []
+    sigma = float(np.hypot(np.std(off, ddof=1) / np.sqrt(len(off)), TINY / 3.0))
+    log = Number(-float(off.mean()), sigma, 0.0)
+    return [_wheels_finding(m, draft, log)] if abs(log.value) > max(3.0 * sigma, TINY) else []
 
 
 def _scale(m: Moments, draft: Draft, found: Found) -> Iterator[Finding]:

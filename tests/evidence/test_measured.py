@@ -66,6 +66,17 @@ def test_the_right_values(cars):
         )
 
 
+def test_a_radius_is_told_that_is_hardly_off(cars):
+    """A third of a percent, far less than any tyre wears; the torques are wrong by tens of N·m with it."""
+    config, frames = cars["invented"]
+    right = config.settings.vehicle.chassis.wheel_radius_m
+    wrong = load_documents(config.documents, {"vehicle.chassis.wheel_radius_m": str(1.003 * right)})
+    told = {each.key: each for each in measure([frames], wrong).findings}
+    found = told["vehicle.chassis.wheel_radius_m"]
+    assert found.severity == "warning"
+    assert found.value == pytest.approx(right, rel=5e-4)
+
+
 def test_several_mistakes_at_once(cars):
     config, frames = cars["avante"]
     wrong = {
