@@ -192,7 +192,7 @@ def _wheels_finding(m: Moments, draft: Draft, log: Number) -> Finding:
         fits = f"{right.shown('m')} fits, the file has {told:g}"
         text = f"the wheel speeds are {_too(factor)}, or wheel_radius_m is: {fits}"
         return Finding(
-            severity, key, text, right.value, right.sigma, ((key, number(right.value)),), _RATIOS, picture
+            severity, key, text, right.value, right.sigma, ((key, number(right.value, 5)),), _RATIOS, picture
         )
     fix: Fix = ()
     for quantity in wheels:
