@@ -80,6 +80,8 @@ def summary_lines(found: Identified) -> list[str]:
         lines.append(f"not told by these drives, so left as they are: {', '.join(untold)}")
     counts = ", ".join(f"{kind} {fitted} and {held}" for kind, (fitted, held) in found.equations.items())
     lines.append(f"equations fitted and held out: {counts}")
+    if not any(held for _, held in found.equations.values()):
+        lines.append("nothing was held out, so nothing shows an overfit: of a recording each second minute is")
     where = f"written to {found.output}" if found.output is not None else "nothing written (-o FILE)"
     lines.append(f"{len(found.edits)} numbers changed; {where}")
     return lines

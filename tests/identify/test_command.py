@@ -56,3 +56,12 @@ def test_a_log_of_another_car_is_refused(dctorque, owned: Owned) -> None:
     outcome = dctorque("identify", "paper_car", "--log", owned.log)
     assert outcome.code == 1
     assert "is it a log of this car?" in outcome.err
+
+
+def test_a_short_drive_holds_nothing_out_and_says_so(dctorque, tmp_path) -> None:
+    log = tmp_path / "paper.blf"
+    assert dctorque("simulate", "-o", log).code == 0
+    outcome = dctorque("identify", "paper_car", "--log", log, "--what", "ratios")
+    assert outcome.code == 0, outcome.err
+    assert "nothing was held out" in outcome.out + outcome.err
+    assert "nothing written" in outcome.out + outcome.err
