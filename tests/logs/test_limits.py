@@ -4,7 +4,6 @@ import gzip
 import resource
 import subprocess
 import sys
-import time
 
 import lz4.frame
 import pytest
@@ -21,13 +20,19 @@ MEMORY = "print(next(line.split()[1] for line in open('/proc/self/status') if li
 """Its most memory, kB, since it is itself: ru_maxrss has that of the process it was forked from, too."""
 
 
+def processor_s():
+    """Return the processor time of all processes that have ended, whatever else the machine does, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def read_in_bounds(path):
     """Return frames and problems as another process reads them, with the time and memory that it may take."""
 
     def limit():
         resource.setrlimit(resource.RLIMIT_DATA, (2 * MOST_BYTES, 2 * MOST_BYTES))
 
-    began = time.monotonic()
+    began = processor_s()
     done = subprocess.run(
         [
             sys.executable,
@@ -42,7 +47,7 @@ def read_in_bounds(path):
     )
     assert done.returncode == 0, done.stderr[-2000:]
     count, *problems, kilobytes = done.stdout.splitlines()
-    assert time.monotonic() - began < MOST_S
+    assert processor_s() - began < MOST_S
     assert 1024 * int(kilobytes) < MOST_BYTES
     return int(count), problems
 
