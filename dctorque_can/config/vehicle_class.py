@@ -11,9 +11,6 @@ from dctorque_can.config.problems import KeyPath, dotted
 from dctorque_can.config.section import absent, nearest
 from dctorque_can.resources import shipped_class, shipped_classes
 
-OWN = ("shaft", "ratio", "final_drive")
-"""Keys of a gear that no class gives, and neither does one give the driven axle: the brochure of the car does."""
-
 SHARES = {
     "inertia_kgm2": 0.3,
     "engine_inertia_kgm2": 0.3,
