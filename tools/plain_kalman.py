@@ -51,7 +51,7 @@ def predict(
     """
     Q = step.noises[0] + sum(q * noise for q, noise in zip(factors, step.noises[1:], strict=True))
     F = step.F.copy()
-    F[:, GAIN:] += np.outer(step.b, per_error)
+    F[:, GAIN : GAIN + 3] += np.outer(step.b, per_error)
     return F @ x + step.b * T_en, F @ P @ F.T + Q
 
 

@@ -10,11 +10,18 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.consistency import nis
 from dctorque_can.analysis.noise_hints import noise_hints
+from dctorque_can.analysis.speed_hints import speed_hints
 from dctorque_can.pipeline.samples import Input, Quantity
 from dctorque_can.plausibility.findings import key_of, sentences
 
 _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
+_OF_SPEEDS = (
+    "wheel_scale_error",
+    "wheel_scale_sigma",
+    "wheels_late_s",
+    "wheels_late_sigma_s",
+)
 
 
 def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
@@ -29,8 +36,9 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
     counts["accepted"] = {q.name.lower(): int(record["accepted"][q]) for q in Quantity if record["accepted"][q]}
     counts["engine_torque"] = learned if sensors else {}
+    counts["speeds"] = {name: float(record[name]) for name in _OF_SPEEDS} if sensors else {}
     counts["findings"] = findings(health)
-    counts["hints"] = noise_hints(health)
+    counts["hints"] = [*noise_hints(health), *speed_hints(health)]
     return counts
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -109,6 +109,7 @@ def replay(
             sensors = (f"{name.replace('_', ' ')} {nis:.2f}" for name, nis in result.health["nis"].items())
             say(f"normalised innovations squared (1 is right): {', '.join(sensors)}")
             say(learned(result.health["engine_torque"]))
+            say(learned_of_speeds(result.health["speeds"]))
         for line in hint_lines(result.health["hints"]):
             say(line)
         for line in map_lines(result.clutch_map):
@@ -171,11 +172,21 @@ def _config(
     return config_of(readers, configuration.overrides(settings, interface, channel))
 
 
-def learned(engine_torque: dict[str, float]) -> str:
+def learned(engine_torque: Mapping[str, float]) -> str:
     """Say what was learned of the nominal engine torque by the end."""
     return (
         "engine torque against the nominal one: "
         f"{100 * engine_torque['gain_error']:+.1f} ± {100 * engine_torque['gain_sigma']:.1f} %, "
         f"{1000 * engine_torque['lag_error_s']:+.0f} ± {1000 * engine_torque['lag_sigma_s']:.0f} ms late "
         "(beyond engine_torque_lag_ms)"
+    )
+
+
+def learned_of_speeds(speeds: Mapping[str, float]) -> str:
+    """Say what was learned of the speeds by the end."""
+    return (
+        "wheels against the shafts: "
+        f"{100 * speeds['wheel_scale_error']:+.2f} ± {100 * speeds['wheel_scale_sigma']:.2f} %, "
+        f"{1000 * speeds['wheels_late_s']:+.1f} ± {1000 * speeds['wheels_late_sigma_s']:.1f} ms late "
+        "(beyond delay_ms)"
     )

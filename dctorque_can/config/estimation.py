@@ -214,6 +214,12 @@ class KalmanSection(Section):
     """Noise of one sample of an input-shaft speed, rad/s."""
     wheel_speed_noise_rad_s: Noise = 0.02
     """Noise of one sample of one wheel speed, rad/s."""
+    wheel_scale_error_share: Annotated[float, Field(ge=0, le=0.2)] = 0.03
+    """By how much the wheel speeds may lastingly be too large, or too small, for the ratios, as a share."""
+    ratio_error_share: Annotated[float, Field(ge=0, le=0.1)] = 0.001
+    """By how much the ratio of each gear may be another one, as a share: brochures round."""
+    delay_error_ms: Annotated[float, Field(ge=0, le=200)] = 10.0
+    """By how much speeds of input shafts, and of wheels, may come later than told, against the engine's, ms."""
     timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 0.8
     """From the sample of a speed to its frame, as far as it is unknown, ms."""
     slipping_torque_rate_nm_per_s: Rate = 2500.0
@@ -292,15 +298,17 @@ class KalmanSection(Section):
         numbers = dict(self)
         names = (
             "timing_error_ms",
+            "delay_error_ms",
             "engine_torque_lag_ms",
             "engine_torque_lag_error_ms",
             "engine_torque_delay_ms",
             "command_lag_ms",
         )
-        timing, engine_lag, lag_error, delay, lag = (numbers.pop(name) / 1000.0 for name in names)
+        timing, delay_error, engine_lag, lag_error, delay, lag = (numbers.pop(name) / 1000.0 for name in names)
         return KalmanDesign(
             speed_resolutions_rad_s=speed_resolutions_rad_s,
             timing_error_s=timing,
+            delay_error_s=delay_error,
             engine_torque_lag_s=engine_lag,
             engine_torque_lag_error_s=lag_error,
             engine_torque_delay_s=delay,

@@ -111,6 +111,10 @@ HEALTH = np.dtype(
         ("engine_torque_gain_sigma", "f8"),  # its standard deviation, 0 with the 2014 observer
         ("engine_torque_lag_error_s", "f8"),  # … and time that it is behind it, beyond the configured one
         ("engine_torque_lag_sigma_s", "f8"),
+        ("wheel_scale_error", "f8"),  # learned share that wheels are told too fast, as ratios have it
+        ("wheel_scale_sigma", "f8"),
+        ("wheels_late_s", "f8"),  # … and time that they come later than told, against the shafts
+        ("wheels_late_sigma_s", "f8"),
         ("accepted", "u4", (N_QUANTITIES,)),  # samples since the start, likewise below
         ("not_available", "u4", (N_QUANTITIES,)),
         ("out_of_range", "u4", (N_QUANTITIES,)),

@@ -124,6 +124,8 @@ def report(inputs: Any, health: Any, monitor: Any, row: Any) -> None:
         row.speed_noise_samples[sensor] = 0.0
     row.engine_torque_gain_error = row.engine_torque_gain_sigma = 0.0
     row.engine_torque_lag_error_s = row.engine_torque_lag_sigma_s = 0.0
+    row.wheel_scale_error = row.wheel_scale_sigma = 0.0
+    row.wheels_late_s = row.wheels_late_sigma_s = 0.0
     for quantity in range(N_QUANTITIES):
         row.accepted[quantity] = health.accepted[quantity]
         row.not_available[quantity] = health.not_available[quantity]

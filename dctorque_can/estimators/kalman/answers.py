@@ -9,9 +9,20 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.inputs import phase_of, phases_known
 from dctorque_can.estimators.kalman import gearbox, losses, one_gear, tape
 from dctorque_can.estimators.kalman.engine import torque_error
-from dctorque_can.estimators.kalman.filter import Kalman
+from dctorque_can.estimators.kalman.filter import Kalman, told
 from dctorque_can.estimators.kalman.learning import report_noise
-from dctorque_can.estimators.kalman.model import GAIN, LAG_1, LAG_2, T_V, W_B, W_C1, W_E
+from dctorque_can.estimators.kalman.model import (
+    GAIN,
+    LAG_1,
+    LAG_2,
+    LATE_SHAFTS,
+    LATE_WHEELS,
+    SCALE,
+    T_V,
+    W_B,
+    W_C1,
+    W_E,
+)
 from dctorque_can.estimators.kalman.thresholds import SETTLING_US, VALID_OUTPUT_SHARE, VALID_SHARE
 from dctorque_can.pipeline.estimates import SENSORS, Status
 
@@ -48,8 +59,8 @@ def conclude(k: Kalman, inputs: Any, answer: Any, row: Any) -> int:
     row.engine_torque_nm = f.T_en + torque_error(f)
     row.road_load_nm = f.x[T_V]
     row.engine_speed_rad_s = f.x[W_E]
-    row.clutch1_slip_rad_s = f.x[W_E] - f.x[W_C1]
-    row.clutch2_slip_rad_s = f.x[W_E] - f.x[W_C1 + 1]
+    row.clutch1_slip_rad_s = f.x[W_E] - told(f, W_C1)
+    row.clutch2_slip_rad_s = f.x[W_E] - told(f, W_C1 + 1)
     row.wheel_acceleration_rad_s2 = f.rate[W_B]
     return judge(f, inputs)
 
@@ -86,9 +97,19 @@ def report(k: Kalman, row: Any) -> None:
         row.innovation_squares[sensor] = f.squares[sensor]
         row.innovations_rejected[sensor] = f.beyond[sensor]
     report_noise(f, k.tuning[0], row)
+    report_speeds(f, row)
     row.engine_torque_gain_error = f.x[GAIN]
     row.engine_torque_gain_sigma = math.sqrt(max(f.P[GAIN, GAIN], 0.0))
     row.engine_torque_lag_error_s = f.x[LAG_1] + f.x[LAG_2]
     row.engine_torque_lag_sigma_s = math.sqrt(
         max(f.P[LAG_1, LAG_1] + 2.0 * f.P[LAG_1, LAG_2] + f.P[LAG_2, LAG_2], 0.0)
     )
+
+
+@compiled_without_allocation
+def report_speeds(f: Any, row: Any) -> None:
+    """Fill what has been learned of the speeds in a health row; how late all are together is hardly told."""
+    row.wheel_scale_error, row.wheel_scale_sigma = f.x[SCALE], math.sqrt(max(f.P[SCALE, SCALE], 0.0))
+    row.wheels_late_s = f.x[LATE_WHEELS] - f.x[LATE_SHAFTS]
+    variance = f.P[LATE_WHEELS, LATE_WHEELS] - 2.0 * f.P[LATE_WHEELS, LATE_SHAFTS] + f.P[LATE_SHAFTS, LATE_SHAFTS]
+    row.wheels_late_sigma_s = math.sqrt(max(variance, 0.0))

@@ -16,7 +16,7 @@ with the sum in a register. Every place is summed in the order in which it is wr
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,10 @@ from dctorque_can.estimators.kalman.model import (
     GAIN,
     LAG_1,
     LAG_2,
+    LATE_BY,
     R_1,
     R_2,
+    SCALED_BY,
     T_C1,
     T_C2,
     T_V,
@@ -55,7 +57,56 @@ Noises = tuple[float, float, float, float, float]
 
 _ENGINE, _CAR = np.array(ENGINE, np.uint8), np.array(CAR, np.uint8)
 _DRIVEN = np.array([0, 1, 0, 1, 3, 4], np.uint8)  # which factor the noise of T_C1 … DT_E has
-_AT_ONCE = 3  # rows of the covariance in a measurement; divides N
+_AT_ONCE = 2  # rows of the covariance in a measurement; divides N
+
+
+class Seen(NamedTuple):
+    """What a measurement sees of the state: x_i, and beside it two errors that last: aᵀx = x_i + w x_b + v x_d.
+
+    Attributes:
+        i: state.
+        b: state of the share by which it is told too large; i itself with w = 0 if there is none.
+        w: what a unit of that adds.
+        d: state of the time by which it is told too late; i itself with v = 0 if there is none.
+        v: what a unit of that adds.
+    """
+
+    i: int
+    b: int
+    w: float
+    d: int
+    v: float
+
+
+@compiled_without_allocation
+def seen(f: Any, i: int) -> Seen:
+    """Return what a sensor of x_i sees: a share x_b too much, and what was x_d ago.
+
+    How fast it turned is taken from the whole car, through the gear that is in (neutral: not late): the model's
+    own rate of a shaft rings with its errors, which would be taken for a delay. While tyres spin it is not known.
+    """
+    w, v = 0.0, 0.0
+    if SCALED_BY[i] != i:
+        w = f.x[i]
+    if LATE_BY[i] != i and not f.spins:
+        v = -f.rate[W_B]
+        if W_C1 <= i <= W_C2:
+            v *= f.ratio[i - W_C1]
+    return Seen(i, SCALED_BY[i], w, LATE_BY[i], v)
+
+
+@compiled_without_allocation
+def value(f: Any, a: Seen) -> float:
+    """Return aᵀ x."""
+    return float(f.x[a.i] + a.w * f.x[a.b] + a.v * f.x[a.d])
+
+
+@compiled_without_allocation
+def variance(f: Any, a: Seen) -> float:
+    """Return aᵀ P a."""
+    P = f.P
+    scaled = P[a.i, a.i] + a.w * (2.0 * P[a.i, a.b] + a.w * P[a.b, a.b])
+    return float(scaled + a.v * (2.0 * (P[a.i, a.d] + a.w * P[a.b, a.d]) + a.v * P[a.d, a.d]))
 
 
 @compiled_without_allocation
@@ -119,13 +170,14 @@ def carry_lasting(f: Any, step: Any) -> None:
 
 
 @compiled_without_allocation
-def correct_lasting(f: Any, i: int) -> None:
-    """s ← s − K s_i: what a measurement of x_i that has just been weighed takes of it."""
+def correct_lasting(f: Any, a: Seen) -> None:
+    """s ← s − K aᵀs: what a measurement that has just been weighed takes of it."""
     for c in range(2):
         if f.lasts[c]:
-            s_i = f.lasting[c, i]
+            s = f.lasting[c]
+            of_it = s[a.i] + a.w * s[a.b] + a.v * s[a.d]
             for k in range(N):
-                f.lasting[c, k] -= f.K[k] * s_i
+                s[k] -= f.K[k] * of_it
 
 
 @compiled_without_allocation
@@ -238,7 +290,7 @@ def multiply_rest(f: Any, step: Any, q: Noises) -> None:
         i, factor = COUPLED + n, q[_DRIVEN[n]]
         for j in range(i + 1):
             P[i, j] += factor * noise[n, j]
-    for n in range(3):
+    for n in range(N - GAIN):
         P[GAIN + n, GAIN + n] += step.noise_lasting[n]
 
 
@@ -267,40 +319,42 @@ def mirror(f: Any) -> None:
 
 
 @compiled_without_allocation
-def take_measurement(f: Any, i: int, e: float, variance: float) -> float:
-    """Take a scalar measurement of x_i; return the variance of its innovation.
+def take_measurement(f: Any, a: Seen, e: float, R: float) -> float:
+    """Take a scalar measurement of aᵀx; return the variance of its innovation.
 
-    With the optimal gain K = P e_i / S Joseph's form is P − (P e_i) (P e_i)ᵀ / S, here with √S on either side, so
-    that P stays symmetric to the last bit. Row and column i become R/S of what they were: no small difference of
-    large numbers, so that variance stays positive however sure the measurement is.
+    With the optimal gain K = P a / S Joseph's form is P − (P a) (P a)ᵀ / S, here with √S on either side, so that P
+    stays symmetric to the last bit. P a becomes R/S of what it was, from which row and column i follow: no small
+    difference of large numbers, so that variance stays positive however sure the measurement is.
 
     Args:
         f: `filter.FILTER`; ``f.K`` becomes the gain.
-        i: state.
+        a: what is measured.
         e: innovation.
-        variance: R, of the measurement.
+        R: variance of the measurement.
     """
-    S = weigh(f, i, e, variance)
+    S = weigh(f, a, e, R)
     P, h = f.P, f.h
     for k in range(0, N, _AT_ONCE):
-        h_0, h_1, h_2 = h[k], h[k + 1], h[k + 2]
+        h_0, h_1 = h[k], h[k + 1]
         for m in range(N):
             h_m = h[m]
             P[k, m] -= h_0 * h_m
             P[k + 1, m] -= h_1 * h_m
-            P[k + 2, m] -= h_2 * h_m
+    i = a.i
     for k in range(N):
-        P[k, i] = P[i, k] = f.along[k]
+        if k != i:
+            P[k, i] = P[i, k] = f.along[k] - a.w * P[a.b, k] - a.v * P[a.d, k]
+    P[i, i] = f.along[i] - a.w * P[a.b, i] - a.v * P[a.d, i]
     return S
 
 
 @compiled_without_allocation
-def weigh(f: Any, i: int, e: float, variance: float) -> float:
-    """Let a measurement of x_i act on x alone; leave K, h = P e_i / √S and the new row i of P; return S."""
-    S = f.P[i, i] + variance
-    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), variance / S
+def weigh(f: Any, a: Seen, e: float, R: float) -> float:
+    """Let a measurement of aᵀx act on x alone; leave K, h = P a / √S and the new P a; return S."""
+    S = variance(f, a) + R
+    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), R / S
     for k in range(N):
-        along = f.P[i, k]
+        along = f.P[a.i, k] + a.w * f.P[a.b, k] + a.v * f.P[a.d, k]
         f.K[k] = along * inverse
         f.x[k] += f.K[k] * e
         f.h[k] = along * root
@@ -309,14 +363,14 @@ def weigh(f: Any, i: int, e: float, variance: float) -> float:
 
 
 @compiled_without_allocation
-def weigh_second(f: Any, i: int, j: int, e: float, variance: float) -> float:
+def weigh_second(f: Any, i: int, j: int, e: float, R: float) -> float:
     """`weigh` a measurement of x_j after that of x_i, which has not acted on P yet."""
     h_j = f.h[j]
     for k in range(N):
         f.along_2[k] = f.P[j, k] - h_j * f.h[k]
     f.along_2[i] = f.along[j]
-    S = f.along_2[j] + variance
-    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), variance / S
+    S = f.along_2[j] + R
+    inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), R / S
     for k in range(N):
         along = f.along_2[k]
         f.K[k] = along * inverse
@@ -331,13 +385,12 @@ def take_both(f: Any, i: int, j: int) -> None:
     """Let both measurements that were weighed act on P, in one way through it."""
     P, h, g = f.P, f.h, f.h_2
     for k in range(0, N, _AT_ONCE):
-        h_0, h_1, h_2 = h[k], h[k + 1], h[k + 2]
-        g_0, g_1, g_2 = g[k], g[k + 1], g[k + 2]
+        h_0, h_1 = h[k], h[k + 1]
+        g_0, g_1 = g[k], g[k + 1]
         for m in range(N):
             h_m, g_m = h[m], g[m]
             P[k, m] -= h_0 * h_m + g_0 * g_m
             P[k + 1, m] -= h_1 * h_m + g_1 * g_m
-            P[k + 2, m] -= h_2 * h_m + g_2 * g_m
     g_i = g[i]
     for k in range(N):
         P[k, i] = P[i, k] = f.along[k] - g_i * g[k]

@@ -11,7 +11,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.estimators.kalman.filter import forget, measure
+from dctorque_can.estimators.kalman.filter import forget, measure, told, told_variance
 from dctorque_can.estimators.kalman.learning import learn_noise
 from dctorque_can.estimators.kalman.model import DT_E, GAIN, LAG_1, LAG_2, T_C1
 from dctorque_can.estimators.kalman.thresholds import CHANCE, LARGEST_JUMP, LARGEST_SPREAD, MOTION, MOVED, TOO_MANY
@@ -60,10 +60,11 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
         variance: of its noise, (rad/s)².
         fastest: acceleration that the shaft can have, rad/s²; infinite while a synchroniser may do anything to it.
     """
-    e = z - f.x[i]
+    e = z - told(f, i)
+    known = told_variance(f, i)
     noise, late = variance, (tuning.timing_error * f.rate[i]) ** 2
     variance = noise + late
-    S = f.P[i, i] + variance
+    S = known + variance
     beyond = not e * e <= tuning.gate * S  # also when it is no number
     if beyond and math.isinf(fastest):
         f.P[i, i] += e * e
@@ -76,7 +77,7 @@ def measure_gated(f: Any, tuning: Any, sensor: int, i: int, z: float, variance: 
             f.taken[sensor] += 1
             f.squares[sensor] += e * e / S
         if noisy and not math.isinf(fastest):
-            learn_noise(f, tuning, sensor, e, f.P[i, i] + late, noise)
+            learn_noise(f, tuning, sensor, e, known + late, noise)
         take(f, sensor, i, z, variance)
         return
     f.rejected[sensor] += 1
@@ -124,11 +125,11 @@ def is_stuck(f: Any, tuning: Any, signal: int, i: int, z: float, variance: float
         return False
     f.repeats[signal] += 1
     if f.repeats[signal] == 1:
-        f.repeat_from[signal] = f.x[i]
+        f.repeat_from[signal] = told(f, i)
     if abs(z) <= _TURNS:
         return False
-    moved = f.x[i] - f.repeat_from[signal]
-    S = f.P[i, i] + variance + (tuning.timing_error * f.rate[i]) ** 2
+    moved = told(f, i) - f.repeat_from[signal]
+    S = told_variance(f, i) + variance + (tuning.timing_error * f.rate[i]) ** 2
     likely = max(f.repeat_share[signal], _LEAST_SHARE) ** f.repeats[signal]
     return (moved * moved > MOVED * MOVED * S or likely < CHANCE) and others_change(f, signal)
 
@@ -169,7 +170,7 @@ def odd_wheel(f: Any, tuning: Any, axle: int, i: int, left: float, right: float,
     repeats = f.repeats[wheel] - f.repeats[wheel + 1]
     if abs(repeats) >= _TELLING_REPEATS:
         return 1 if repeats > 0 else 2
-    return 1 if abs(left - 0.5 * usual - f.x[i]) > abs(right + 0.5 * usual - f.x[i]) else 2
+    return 1 if abs(left - 0.5 * usual - told(f, i)) > abs(right + 0.5 * usual - told(f, i)) else 2
 
 
 @compiled_without_allocation

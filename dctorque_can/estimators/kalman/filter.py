@@ -29,7 +29,11 @@ from dctorque_can.estimators.kalman.model import (
     GAIN,
     LAG_1,
     LAG_2,
+    LATE_SHAFTS,
+    LATE_WHEELS,
     R_1,
+    RATIO_1,
+    SCALE,
     STEPS_US,
     T_C1,
     T_C2,
@@ -103,6 +107,7 @@ FILTER = np.dtype(
         ("per_error", "f8", (3,)),  # N·m in the last step, per unit of the states GAIN, LAG_1 and LAG_2
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
         ("gear", "i8", (2,)),
+        ("ratio", "f8", (2,)),  # … and their total ratios, 0 in neutral
         ("drives", "u1", (2,)),  # direction of the losses
         ("against", "u1", (2,)),  # the shaft turns against the engine: the car rolls against its gear
         ("idle", "u1", (2,)),  # of `contract.INPUTS`
@@ -197,6 +202,11 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.P[DT_E, DT_E] = engine_variance(tuning, T_en)
     f.P[GAIN, GAIN] = tuning.gain_error**2
     f.P[LAG_1, LAG_1] = f.P[LAG_2, LAG_2] = tuning.lag_error**2
+    f.P[LATE_SHAFTS, LATE_SHAFTS] = f.P[LATE_WHEELS, LATE_WHEELS] = tuning.delay_error**2
+    f.P[SCALE, SCALE] = tuning.scale_error**2
+    for i in range(2):
+        f.ratio[i] = tuning.ratio[i, f.gear[i] + 1]
+        f.P[RATIO_1 + i, RATIO_1 + i] = tuning.ratio_error**2 if f.gear[i] != 0 else 0.0
     f.lagged[0] = f.lagged[1] = T_en
     for m in range(3):
         f.per_error[m] = 0.0
@@ -270,12 +280,25 @@ def _advance(
 
 
 @compiled_without_allocation
-def measure(f: Any, i: int, z: float, variance: float) -> None:
-    """Take one measurement z of x_i."""
-    e = z - f.x[i]
-    S = arithmetic.take_measurement(f, i, e, variance)
-    arithmetic.correct_lasting(f, i)
-    tape.measured(f, i, S, e)
+def measure(f: Any, i: int, z: float, R: float) -> None:
+    """Take one measurement z of x_i with variance R, as its sensor sees it (`arithmetic.seen`)."""
+    a = arithmetic.seen(f, i)
+    e = z - arithmetic.value(f, a)
+    S = arithmetic.take_measurement(f, a, e, R)
+    arithmetic.correct_lasting(f, a)
+    tape.measured(f, a.i, a.w, a.v, S, e)
+
+
+@compiled_without_allocation
+def told(f: Any, i: int) -> float:
+    """Return what a sensor of x_i should tell."""
+    return arithmetic.value(f, arithmetic.seen(f, i))
+
+
+@compiled_without_allocation
+def told_variance(f: Any, i: int) -> float:
+    """Return the variance of `told`."""
+    return arithmetic.variance(f, arithmetic.seen(f, i))
 
 
 @compiled_without_allocation
@@ -287,17 +310,17 @@ def measure_open(f: Any, c: int, drag: float, variance: float, lasting: float, r
     deviations do not. It is a "consider" parameter by its sensitivity s (Tapley, Schutz, Born, Statistical Orbit
     Determination, 2004, chapter 6).
     """
-    T, R = T_C1 + c, R_1 + c
-    e = drag - f.x[T]
-    tape.measured(f, T, arithmetic.weigh(f, T, e, variance), e)
+    T, R = arithmetic.seen(f, T_C1 + c), arithmetic.seen(f, R_1 + c)
+    e = drag - f.x[T.i]
+    tape.measured(f, T.i, 0.0, 0.0, arithmetic.weigh(f, T, e, variance), e)
     arithmetic.correct_lasting(f, T)
     for k in range(N):
         f.lasting[c, k] += f.K[k] * lasting
     f.lasts[c] = True
-    e = -f.x[R]
-    tape.measured(f, R, arithmetic.weigh_second(f, T, R, e, rate_variance), e)
+    e = -f.x[R.i]
+    tape.measured(f, R.i, 0.0, 0.0, arithmetic.weigh_second(f, T.i, R.i, e, rate_variance), e)
     arithmetic.correct_lasting(f, R)
-    arithmetic.take_both(f, T, R)
+    arithmetic.take_both(f, T.i, R.i)
 
 
 @compiled_without_allocation

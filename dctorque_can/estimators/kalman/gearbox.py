@@ -16,6 +16,7 @@ from dctorque_can.estimators.kalman.model import (
     DT_E,
     OUTPUT,
     R_1,
+    RATIO_1,
     T_C1,
     T_C2,
     T_V,
@@ -113,7 +114,7 @@ def change_gears(f: Any, tuning: Any, g1: int, g2: int) -> None:
 @compiled_without_allocation
 def change_gear(f: Any, tuning: Any, i: int, gear: int) -> None:
     """Take the new gear of one shaft."""
-    f.gear[i] = gear
+    engage(f, tuning, i, gear)
     forget(f, TH_T1 + i, 0.0, 1e-6)
     forget(f, W_C1 + i, f.x[W_C1 + i], 1e4)
     # the clutch is open, but the frame that says so may come late
@@ -124,6 +125,13 @@ def change_gear(f: Any, tuning: Any, i: int, gear: int) -> None:
         f.torque_rate[1 - i] = max(f.torque_rate[1 - i], tuning.rate[_LOCKED])
     forget(f, T_C1 + i, 0.0, torque**2)
     forget(f, R_1 + i, 0.0, rate**2)
+
+
+@compiled_without_allocation
+def engage(f: Any, tuning: Any, i: int, gear: int) -> None:
+    """Let a gear be in on shaft i, whose ratio has an error of its own."""
+    f.gear[i], f.ratio[i] = gear, tuning.ratio[i, gear + 1]
+    forget(f, RATIO_1 + i, 0.0, tuning.ratio_error**2 if gear != 0 else 0.0)
 
 
 @compiled_without_allocation

@@ -25,6 +25,9 @@ from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.model import (
     GAIN,
+    LAG_2,
+    LATE_BY,
+    SCALED_BY,
     STEPS_US,
     T_C1,
     T_V,
@@ -110,10 +113,10 @@ def go_forth(
 @compiled_without_allocation
 def measure(tape: Any, along: Any, tuning: Any, n: int) -> None:
     """s ← s + K a, and a onto the tape."""
-    i = tape.which[n, 0]
-    age = _OF_STATE[i]
+    i, w, v = tape.which[n, 0], tape.w[n], tape.v[n]
+    age, b, d = _OF_STATE[i], SCALED_BY[i], LATE_BY[i]
     for p in range(ERRORS):
-        tape.adds[n, p] = -along.s[i, p]
+        tape.adds[n, p] = -along.s[i, p] - w * along.s[b, p] - v * along.s[d, p]
     if age >= 0:
         tape.adds[n, age] -= tape.turns[n] * tuning.lasting[age]
     for k in range(N):
@@ -131,7 +134,7 @@ def predict(tape: Any, along: Any, tables: Tables, tuning: Any, n: int) -> None:
             new[i, p] = 0.0
         for k in range(N):
             factor = step.phi[i, k]  # F is sparse
-            if k >= GAIN:
+            if GAIN <= k <= LAG_2:
                 factor += step.input[i] * tape.per_error[n, k - GAIN]
             if factor != 0.0:
                 for p in range(ERRORS):

@@ -9,6 +9,8 @@ Here are its matrices and their exact discretisation on a ladder of steps, all m
     J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
     Ṫ_x = Σ η i_ti i_fi r_i + D (ω̇_w − ω̇_b) + noise                 Ṫ_ci = r_i
 
+Three states more are in no equation of motion but in what speeds are measured: `SCALED_BY`.
+
 T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it). It carries what the
 clutches' torques change, and damps the driven wheels against the body, by less than a tyre does at any but the
 highest speeds. The rates r_i of the clutch torques forget within ``torque_rate_time_s``. A shaft in neutral has an
@@ -62,13 +64,30 @@ class State(IntEnum):
     GAIN = 18  # … and the share of the torque that it lastingly is
     LAG_1 = 19  # s, lag of the engine behind its nominal torque (`engine`), beyond the one that is told
     LAG_2 = 20
+    SCALE = 21  # share by which the driven wheels are told too fast, as the ratios have it
+    RATIO_1 = 22  # … and by which the ratio of the gear on each shaft is larger than in the vehicle file
+    RATIO_2 = 23
+    LATE_SHAFTS = (
+        24  # s, by which speeds of input shafts, and of wheels, come later than told, against the engine's
+    )
+    LATE_WHEELS = 25
 
 
 N = len(State)
 W_E, W_D, W_C1, W_C2, W_O, W_W, W_B, TH_D, TH_T1, TH_T2, TH_O, T_X, T_C1, T_C2, R_1, R_2, T_V, DT_E, *_LASTING = (
     range(N)
 )
-GAIN, LAG_1, LAG_2 = _LASTING
+GAIN, LAG_1, LAG_2, SCALE, RATIO_1, RATIO_2, LATE_SHAFTS, LATE_WHEELS = _LASTING
+
+SCALED_BY = np.arange(N, dtype=np.int64)
+"""By the error of which state a measurement of each speed is too large, as a share; of all others it is the state
+itself. Ratios and wheels do not agree to the last digit, and a shaft is stiff: what is left would be a twist that
+grows. So the model's shafts turn as the ratios of the vehicle file have it, and ω (1 + error) is measured."""
+SCALED_BY[[W_W, W_C1, W_C2]] = SCALE, RATIO_1, RATIO_2
+
+LATE_BY = np.arange(N, dtype=np.int64)
+"""By which state a measurement of each speed is late; of all others it is the state itself."""
+LATE_BY[[W_W, W_B, W_C1, W_C2]] = LATE_WHEELS, LATE_WHEELS, LATE_SHAFTS, LATE_SHAFTS
 
 STEPS_US = (16_000, 8_000, *range(4_000, 0, -250))
 """A time is bridged by as many of these as fit, the longest first: mostly one, from frame to frame of a bus."""
@@ -76,6 +95,8 @@ STEPS_US = (16_000, 8_000, *range(4_000, 0, -250))
 _HALVINGS = 15  # of the shortest step: there |A| h is small even for an output shaft of 0.0002 kg·m²
 GAIN_TIME = 20.0  # s, for which the torque's error is the same share of it
 LAG_TIME = 300.0  # … and the engine's lag the same
+SCALE_WALK = 3e-5  # 1/√s, by which wheels lastingly roll on another radius: tyres get warm, axle loads change
+LATE_TIME = 1e4  # s, for which a delay stays as it is
 GAIN_SHARE = 0.75  # of the variance of an error that grows with the torque
 _TERMS = 12  # of the series at such a step
 _FASTEST_CAR = 30.0  # m/s up to which the tyres damp at least as much as the model
@@ -117,7 +138,7 @@ STEP = np.dtype(
         # … of what always acts, the rates of T_c1 and T_c2, T_x, T_v
         ("noise_car", "f8", (len(_OF_CAR), len(CAR) * COUPLED)),
         ("noise_rest", "f8", (len(_OF_REST), N)),  # T_C1, T_C2, R_1, R_2, T_V, DT_E: each of its own noise
-        ("noise_lasting", "f8", (3,)),  # variances of GAIN, LAG_1, LAG_2
+        ("noise_lasting", "f8", (N - GAIN,)),  # variances of GAIN, LAG_1, …
     ],
     align=True,
 )
@@ -197,6 +218,9 @@ def continuous(
     A[DT_E, DT_E] = -1.0 / design.engine_torque_error_time_s
     A[GAIN, GAIN] = -1.0 / GAIN_TIME
     A[LAG_1, LAG_1] = A[LAG_2, LAG_2] = -1.0 / LAG_TIME
+    A[LATE_SHAFTS, LATE_SHAFTS] = A[LATE_WHEELS, LATE_WHEELS] = -1.0 / LATE_TIME
+    if design.wheel_scale_error_share > 0.0:
+        A[SCALE, SCALE] = -0.5 * (SCALE_WALK / design.wheel_scale_error_share) ** 2
     return A, T_o
 
 
@@ -221,6 +245,8 @@ def intensities(design: KalmanDesign) -> Floats:
     gain, lag = lasting_errors(design)
     q[GAIN] = 2.0 * gain**2 / GAIN_TIME
     q[[LAG_1, LAG_2]] = 2.0 * lag**2 / LAG_TIME
+    q[SCALE] = SCALE_WALK**2 if design.wheel_scale_error_share > 0.0 else 0.0
+    q[[LATE_SHAFTS, LATE_WHEELS]] = 2.0 * design.delay_error_s**2 / LATE_TIME
     return np.diag(q)
 
 

@@ -38,7 +38,7 @@ def change_gears(f: Any, tuning: Any, inputs: Any) -> None:
             if inputs.gear[i] == 0:
                 continue
         else:
-            f.gear[i] = inputs.gear[i]
+            gearbox.engage(f, tuning, i, inputs.gear[i])
             share_torque(f, tuning, i, bool(inputs.closed[i]))
         if inputs.mapped[_TARGET_GEAR]:
             f.expected_us[i] = f.t_us

@@ -4,7 +4,7 @@ The filter goes forward and leaves a tape (`tape`) of its operations; `go_back` 
 adjoint state λ and its information Λ. An estimate x with covariance P becomes x − P λ with P − P Λ P. This is the
 smoother of Bryson and Frazier in Bierman's form, which inverts no covariance and takes measurements one by one:
 
-    measurement of x_i, gain K:  C = 1 − K e_iᵀ    Λ ← Cᵀ Λ C + e_i e_iᵀ/S    λ ← Cᵀ λ − e_i e/S
+    measurement of aᵀx, gain K:  C = 1 − K aᵀ      Λ ← Cᵀ Λ C + a aᵀ/S        λ ← Cᵀ λ − a e/S
     prediction by F:             Λ ← Fᵀ Λ F        λ ← Fᵀ λ
     x_i replaced:                row and column i of Λ, and λ_i, become zero
 
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.estimators.kalman.model import GAIN, N, Tables
+from dctorque_can.estimators.kalman.model import GAIN, LAG_2, LATE_BY, SCALED_BY, N, Tables
 from dctorque_can.estimators.kalman.tape import ERRORS, FORGET, MEASURE, PREDICT
 
 _LEAST_WEIGHT = 0.001  # of a correction: a smoothed estimate can be told from one that is as online
@@ -101,9 +101,10 @@ def clear(a: Any) -> None:
 
 @compiled_without_allocation
 def undo_measurement(tape: Any, a: Any, n: int) -> None:
-    """Λ ← Cᵀ Λ C + e_i e_iᵀ/S, λ ← Cᵀ λ − e_i e/S: of Λ only row and column i change."""
+    """Λ ← Cᵀ Λ C + a aᵀ/S, λ ← Cᵀ λ − a e/S, with a of `arithmetic.Seen`: few rows and columns of Λ change."""
     i, S = tape.which[n, 0], tape.S[n]
-    along, twice = 0.0, 0.0
+    places, weights = (i, SCALED_BY[i], LATE_BY[i]), (1.0, tape.w[n], tape.v[n])
+    along, twice = tape.e[n] / S, 1.0 / S
     for k in range(N):
         along += tape.K[n, k] * a.lam[k]
         total = 0.0
@@ -111,17 +112,22 @@ def undo_measurement(tape: Any, a: Any, n: int) -> None:
             total += a.Lam[k, m] * tape.K[n, m]
         a.v[k] = total  # Λ K
         twice += tape.K[n, k] * total
-    a.lam[i] -= along + tape.e[n] / S
-    a.Lam[i, i] += twice - 2.0 * a.v[i] + 1.0 / S
-    for k in range(N):
-        if k != i:
-            a.Lam[i, k] -= a.v[k]
-            a.Lam[k, i] = a.Lam[i, k]
-    for p in range(ERRORS):
-        along = tape.adds[n, p] / S
+    for p in range(3):
+        i, w = places[p], weights[p]
+        if w == 0.0:
+            continue
+        a.lam[i] -= w * along
         for k in range(N):
-            along += tape.K[n, k] * a.lasting[k, p]
-        a.lasting[i, p] -= along
+            a.Lam[i, k] -= w * a.v[k]
+            a.Lam[k, i] -= w * a.v[k]
+        for q in range(3):
+            a.Lam[i, places[q]] += w * weights[q] * twice
+    for error in range(ERRORS):
+        along = tape.adds[n, error] / S
+        for k in range(N):
+            along += tape.K[n, k] * a.lasting[k, error]
+        for p in range(3):
+            a.lasting[places[p], error] -= weights[p] * along
 
 
 @compiled_without_allocation
@@ -169,7 +175,7 @@ def undo_prediction_of_errors(tape: Any, a: Any, step: Any, n: int) -> None:
             a.next[k, p] = 0.0
         for i in range(N):
             factor = step.phi[i, k]
-            if k >= GAIN:
+            if GAIN <= k <= LAG_2:
                 factor += step.input[i] * tape.per_error[n, k - GAIN]
             if factor != 0.0:
                 for p in range(ERRORS):

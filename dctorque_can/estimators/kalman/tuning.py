@@ -49,6 +49,9 @@ TUNING = np.dtype(
         ("patience_us", "i8"),  # … until one has not been for so long
         ("engine_error", "f8"),  # N·m, at no torque
         ("engine_share", "f8"),  # … and by how much it grows with the torque, beside
+        ("scale_error", "f8"),  # share by which all wheels, and each ratio, lastingly are others than told
+        ("ratio_error", "f8"),
+        ("delay_error", "f8"),  # s
         ("gain_error", "f8"),  # … the share of the torque that it lastingly is
         ("lag_error", "f8"),  # s
         ("engine_lag", "f8"),  # s, of the engine behind its nominal torque
@@ -122,6 +125,8 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["engine_error"] = design.engine_torque_error_nm
     t["engine_share"] = math.sqrt(1.0 - GAIN_SHARE) * design.engine_torque_error_share
     t["gain_error"], t["lag_error"] = lasting_errors(design)
+    t["scale_error"], t["ratio_error"] = design.wheel_scale_error_share, design.ratio_error_share
+    t["delay_error"] = design.delay_error_s
     t["engine_lag"] = design.engine_torque_lag_s
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
     t["parameter_error"] = design.parameter_error_share

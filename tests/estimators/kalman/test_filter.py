@@ -15,6 +15,8 @@ from dctorque_can.estimators.kalman.model import STEPS_US, N, State, process_cov
 from dctorque_can.estimators.kalman.tuning import tuning as tuning_of
 from dctorque_can.resources import shipped_config
 
+from .with_past import dense_update, sensor_row
+
 SETTINGS = load_config(shipped_config("paper_car")).settings
 DESIGN = replace(SETTINGS.kalman, timing_error_s=0.0, engine_torque_delay_s=0.0, parameter_error_share=0.0)
 VEHICLE = SETTINGS.vehicle
@@ -75,14 +77,6 @@ def predict(k, t_us):
     kalman.predict(k.state[0], k.tables, k.tuning[0], SLIPPING, LOCKED, False, False, t_us)
 
 
-def dense_update(x, P, H, z, R):
-    """The textbook's update in Joseph's form."""
-    S = H @ P @ H + R
-    K = P @ H / S
-    rest = np.eye(N) - np.outer(K, H)
-    return x + K * (z - H @ x), rest @ P @ rest.T + R * np.outer(K, K)
-
-
 def test_each_speed_has_its_noise_and_its_resolution():
     resolutions = (0.0, 0.3, 0.6, 0.0, 0.06, 0.0, 0.0)
     design = replace(DESIGN, speed_resolutions_rad_s=resolutions, shaft_speed_noise_rad_s=0.2)
@@ -97,7 +91,7 @@ def test_one_step_is_that_of_plain_matrices(tables):
     f = k.state[0]
     root = np.random.default_rng(3).normal(0.0, 1.0, (N, N)) * np.sqrt(np.diag(f["P"]))[:, None]
     x, P = f["x"] + root @ np.ones(N), root @ root.T / N
-    x[[State.R_1, State.R_2]] = 0.0  # else the tyres would slip with them
+    x[[State.R_1, State.R_2]], x[State.W_W] = 0.0, x[State.W_B]  # else the tyres would slip with them
     f["x"][:], f["P"][:] = x, P
     lagged = np.array([50.0, 20.0])
     f["lagged"][:], f["torque_noise"] = lagged, 0.3
@@ -110,8 +104,7 @@ def test_one_step_is_that_of_plain_matrices(tables):
     np.testing.assert_allclose(f["x"], x, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(f["P"] / size, P / size, atol=1e-9)
     for i, z, R in ((State.W_E, 203.0, 0.09), (State.T_C1, 40.0, 2.0)):
-        H = np.zeros(N)
-        H[i] = 1.0
+        H = np.eye(N)[i]
         x, P = dense_update(x, P, H, z, R)
         kalman.measure(f, i, z, R)
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
@@ -143,12 +136,13 @@ def test_consistent_on_data_of_its_own_model(tables):
         for n in range(samples):
             F, b, Q = model(k, step, as_the_filter_has_them(k, 0.004))
             scale = np.sqrt(np.diag(Q))  # else rounding of the large ones is noise of the small ones
+            scale[scale == 0.0] = 1.0
             values, vectors = np.linalg.eigh(Q / np.outer(scale, scale))
             disturbance = scale * (vectors @ (np.sqrt(np.maximum(values, 0.0)) * random.standard_normal(N)))
             x = with_errors(F, b, lagged, step) @ x + b * T_EN + disturbance
             predict(k, 4000 * (n + 1))
             for sensor, state in enumerate(SPEEDS):
-                z = x[state] + noise[sensor] * random.standard_normal()
+                z = sensor_row(f, state) @ x + noise[sensor] * random.standard_normal()
                 faults.measure_gated(f, k.tuning[0], sensor, state, z, noise[sensor] ** 2, 1e9)
         squares += f["squares"]
         error = x - f["x"]

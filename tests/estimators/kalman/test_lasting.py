@@ -15,7 +15,7 @@ from dctorque_can.estimators.kalman import lasting, smoother
 from dctorque_can.estimators.kalman.model import STEPS_US, N, State, continuous
 
 from .test_smoother import DESIGN, NOISE, SPEEDS, VEHICLE, model, new_filter, predict, publish, torques_of
-from .with_past import WithPast
+from .with_past import WithPast, sensor_row
 
 S = State
 SIGMA = np.array([1e-3, 2e-3, 3e-3, 1e-3, 0.1, 0.2, 0.1, 0.15, 5.0])
@@ -69,11 +69,11 @@ def test_a_correction_is_taken_as_far_as_it_is_worth(tables):
         for error, g in zip(errors, effects(f, b, tuning, 1e-6 * STEP_US), strict=True):
             error.predict(F, -g, Q)
         for age, state, noise in zip(AGES, SPEEDS, NOISE, strict=True) if n % 2 else ():
-            z = f["x"][state] + random.normal(0.0, 4.0 * noise)
+            z, H = f["x"][state] + random.normal(0.0, 4.0 * noise), sensor_row(f, state)
             for p, error in enumerate(errors):
                 h = -f["rate"][state] * SIGMA[age] if p == age else 0.0
-                error.measure(state, h, noise**2)
-            dense.measure(state, z, noise**2)
+                error.measure(H, h, noise**2)
+            dense.measure(H, z, noise**2)
             kalman.measure(f, state, z, noise**2)
         if n == 5:
             for one, value in ((dense, dense.x[S.W_C2]), *((error, 0.0) for error in errors)):

@@ -2,14 +2,33 @@
 
 import numpy as np
 
-from dctorque_can.estimators.kalman.model import N
+from dctorque_can.estimators.kalman.model import N, State
+
+SCALES = {State.W_W: State.SCALE, State.W_C1: State.RATIO_1, State.W_C2: State.RATIO_2}
+DELAYS = {
+    State.W_W: State.LATE_WHEELS,
+    State.W_B: State.LATE_WHEELS,
+    State.W_C1: State.LATE_SHAFTS,
+    State.W_C2: State.LATE_SHAFTS,
+}
 
 
-def dense_update(x, P, i, z, R):
-    H = np.eye(len(x))[i]
+def sensor_row(f, i):
+    """What a sensor of x_i sees of the state ``[N]``: a share of the speed too much, and the speed of before."""
+    H = np.eye(N)[i]
+    if i in SCALES:
+        H[SCALES[i]] = f["x"][i]
+    if i in DELAYS and not f["spins"]:
+        H[DELAYS[i]] = -f["rate"][State.W_B]
+        if i in (State.W_C1, State.W_C2):
+            H[DELAYS[i]] *= f["ratio"][i - State.W_C1]
+    return H
+
+
+def dense_update(x, P, H, z, R):
     K = P @ H / (H @ P @ H + R)
     rest = np.eye(len(x)) - np.outer(K, H)
-    return x + K * (z - x[i]), rest @ P @ rest.T + R * np.outer(K, K)
+    return x + K * (z - H @ x), rest @ P @ rest.T + R * np.outer(K, K)
 
 
 class WithPast:
@@ -29,8 +48,10 @@ class WithPast:
         self.x[:N] += b
         self.P[:N, :N] += Q
 
-    def measure(self, i, z, R):
-        self.x, self.P = dense_update(self.x, self.P, i, z, R)
+    def measure(self, H, z, R):
+        row = np.zeros(len(self.x))
+        row[:N] = H
+        self.x, self.P = dense_update(self.x, self.P, row, z, R)
 
     def forget(self, i, value, variance):
         self.x[i] = value
