@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cantools.database.can import Database
 
@@ -53,11 +53,13 @@ from dctorque_can.config.signals import (
 from dctorque_can.config.vehicle import GearSection, VehicleSection, build_gear, gear_number
 from dctorque_can.driveline.parameters import Gear
 from dctorque_can.driveline.phases import ClutchActuation, PhaseSettings, PhaseSource
+from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import SPEEDS, Protection, Quantity
 from dctorque_can.pipeline.settings import GearInference, OneGear, Settings
 
+_SHAFT_SPEEDS = {Quantity.SHAFT1_SPEED, Quantity.SHAFT2_SPEED, Quantity.DRIVING_SHAFT_SPEED}
 _DIRECTIONS = {"forward": 1.0, "backward": -1.0, "standstill": 0.0, "unknown": 0.0}
 CLUTCH_STATES = ("open", "slipping", "closed")
 """Of both clutches together, by the value of `Quantity.CLUTCH_STATE`."""
@@ -115,7 +117,7 @@ def build_parts(document: Document, database: Database | None, addresses: Mappin
         one_gear=gear_source if isinstance(gear_source, OneGear) else None,
         method=Method[estimator.method.upper()],
         observer=estimator.oh2014.build(),
-        kalman=estimator.kalman.build(_speed_resolutions(builder.entries)),
+        kalman=_kalman_design(estimator, builder.entries),
         driven_axle=vehicle.axle,
         step_us=microseconds(estimator.step_ms),
         estimate_period_us=microseconds(estimator.period_ms),
@@ -126,6 +128,14 @@ def build_parts(document: Document, database: Database | None, addresses: Mappin
     )
     reorder_us = None if estimator.reorder_ms is None else microseconds(estimator.reorder_ms)
     return Parts(settings, protections, tuple(builder.entries), reorder_us)
+
+
+def _kalman_design(estimator: EstimatorSection, entries: Iterable[InputEntry]) -> KalmanDesign:
+    """Return the design of the Kalman filter; without the speed of a shaft nothing says that wheels are off."""
+    design = estimator.kalman.build(_speed_resolutions(entries))
+    if {entry.input.quantity for entry in entries} & _SHAFT_SPEEDS:
+        return design
+    return replace(design, wheel_scale_error_share=0.0, ratio_error_share=0.0, delay_error_s=0.0)
 
 
 def _speed_resolutions(entries: Iterable[InputEntry]) -> tuple[float, ...]:

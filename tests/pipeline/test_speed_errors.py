@@ -81,3 +81,12 @@ def test_what_is_known_exactly_is_not_learned(drive):
     _, _, health = replayed(drive, {f"estimator.kalman.{key}": "0" for key in keys})
     names = ("wheel_scale_error", "wheel_scale_sigma", "wheels_late_s", "wheels_late_sigma_s")
     assert [float(health[name][0]) for name in names] == [0.0] * 4
+
+
+def test_without_the_speed_of_a_shaft_the_file_is_believed():
+    without = {f"inputs.shaft{shaft}_speed": "null" for shaft in (1, 2)}
+    for overrides, known in ((without, False), ({"inputs.shaft1_speed": "null"}, True)):
+        design = load_config(shipped_config("avante_dct7"), overrides).settings.kalman
+        shares = design.wheel_scale_error_share, design.ratio_error_share, design.delay_error_s
+        assert all(share > 0.0 for share in shares) is known
+        assert any(share > 0.0 for share in shares) is known
