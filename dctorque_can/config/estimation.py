@@ -216,10 +216,10 @@ class KalmanSection(Section):
     """Noise of one sample of one wheel speed, rad/s."""
     wheel_scale_error_share: Annotated[float, Field(ge=0, le=0.2)] = 0.03
     """By how much the wheel speeds may lastingly be too large, or too small, for the ratios, as a share."""
-    ratio_error_share: Annotated[float, Field(ge=0, le=0.1)] = 0.001
+    ratio_error_share: Annotated[float, Field(ge=0, le=0.1)] = 0.0003
     """By how much the ratio of each gear may be another one, as a share: brochures round."""
     delay_error_ms: Annotated[float, Field(ge=0, le=200)] = 10.0
-    """By how much speeds of input shafts, and of wheels, may come later than told, against the engine's, ms."""
+    """By how much wheel speeds may lastingly come later, or sooner, than told, against those of the shafts, ms."""
     timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 0.8
     """From the sample of a speed to its frame, as far as it is unknown, ms."""
     slipping_torque_rate_nm_per_s: Rate = 2500.0

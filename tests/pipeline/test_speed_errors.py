@@ -56,7 +56,7 @@ def test_what_is_off_costs_little_and_is_never_sure_and_wrong(drive, right, over
     """Taken for twist it would be 100 to 1000 N·m of the output torque."""
     rows, rms, _ = replayed(drive, overrides)
     assert max(wrong_ms(rows, drive[0]).values()) <= 10.0
-    assert rms < 1.4 * right[1]
+    assert rms < 1.5 * right[1]
 
 
 def test_wheels_that_are_too_slow_are_told(drive):

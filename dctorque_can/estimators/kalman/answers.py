@@ -15,8 +15,7 @@ from dctorque_can.estimators.kalman.model import (
     GAIN,
     LAG_1,
     LAG_2,
-    LATE_SHAFTS,
-    LATE_WHEELS,
+    LATE,
     SCALE,
     T_V,
     W_B,
@@ -108,8 +107,6 @@ def report(k: Kalman, row: Any) -> None:
 
 @compiled_without_allocation
 def report_speeds(f: Any, row: Any) -> None:
-    """Fill what has been learned of the speeds in a health row; how late all are together is hardly told."""
+    """Fill what has been learned of the speeds in a health row."""
     row.wheel_scale_error, row.wheel_scale_sigma = f.x[SCALE], math.sqrt(max(f.P[SCALE, SCALE], 0.0))
-    row.wheels_late_s = f.x[LATE_WHEELS] - f.x[LATE_SHAFTS]
-    variance = f.P[LATE_WHEELS, LATE_WHEELS] - 2.0 * f.P[LATE_WHEELS, LATE_SHAFTS] + f.P[LATE_SHAFTS, LATE_SHAFTS]
-    row.wheels_late_sigma_s = math.sqrt(max(variance, 0.0))
+    row.wheels_late_s, row.wheels_late_sigma_s = f.x[LATE], math.sqrt(max(f.P[LATE, LATE], 0.0))

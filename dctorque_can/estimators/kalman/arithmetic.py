@@ -29,7 +29,7 @@ from dctorque_can.estimators.kalman.model import (
     GAIN,
     LAG_1,
     LAG_2,
-    LATE_BY,
+    LATE,
     R_1,
     R_2,
     SCALED_BY,
@@ -57,48 +57,48 @@ Noises = tuple[float, float, float, float, float]
 
 _ENGINE, _CAR = np.array(ENGINE, np.uint8), np.array(CAR, np.uint8)
 _DRIVEN = np.array([0, 1, 0, 1, 3, 4], np.uint8)  # which factor the noise of T_C1 … DT_E has
-_AT_ONCE = 2  # rows of the covariance in a measurement; divides N
+_AT_ONCE = 5  # rows of the covariance in a measurement; divides N
 
 
 class Seen(NamedTuple):
-    """What a measurement sees of the state: x_i, and beside it two errors that last: aᵀx = x_i + w x_b + v x_d.
+    """What a measurement sees of the state, beside it two errors that last: aᵀx = x_i + w x_b + v d, d of `LATE`.
 
     Attributes:
         i: state.
         b: state of the share by which it is told too large; i itself with w = 0 if there is none.
         w: what a unit of that adds.
-        d: state of the time by which it is told too late; i itself with v = 0 if there is none.
-        v: what a unit of that adds.
+        v: what a unit of d adds.
     """
 
     i: int
     b: int
     w: float
-    d: int
     v: float
 
 
 @compiled_without_allocation
 def seen(f: Any, i: int) -> Seen:
-    """Return what a sensor of x_i sees: a share x_b too much, and what was x_d ago.
+    """Return what a sensor of x_i sees: a share too much, and a moment that is not now.
 
-    How fast it turned is taken from the whole car, through the gear that is in (neutral: not late): the model's
-    own rate of a shaft rings with its errors, which would be taken for a delay. While tyres spin it is not known.
+    Wheels are d/2 late and shafts d/2 early: how late they are together is not told. How fast a shaft gains speed
+    is taken from the whole car, through the gear that is in (in neutral it may do anything): the model's own rates
+    ring with its errors, which would be taken for a delay. While tyres spin they are not known.
     """
     w, v = 0.0, 0.0
     if SCALED_BY[i] != i:
         w = f.x[i]
-    if LATE_BY[i] != i and not f.spins:
-        v = -f.rate[W_B]
+    if not f.spins:
         if W_C1 <= i <= W_C2:
-            v *= f.ratio[i - W_C1]
-    return Seen(i, SCALED_BY[i], w, LATE_BY[i], v)
+            v = 0.5 * f.ratio[i - W_C1] * f.rate[W_B]
+        elif W_W <= i <= W_B:
+            v = -0.5 * f.rate[W_B]
+    return Seen(i, SCALED_BY[i], w, v)
 
 
 @compiled_without_allocation
 def value(f: Any, a: Seen) -> float:
     """Return aᵀ x."""
-    return float(f.x[a.i] + a.w * f.x[a.b] + a.v * f.x[a.d])
+    return float(f.x[a.i] + a.w * f.x[a.b] + a.v * f.x[LATE])
 
 
 @compiled_without_allocation
@@ -106,7 +106,7 @@ def variance(f: Any, a: Seen) -> float:
     """Return aᵀ P a."""
     P = f.P
     scaled = P[a.i, a.i] + a.w * (2.0 * P[a.i, a.b] + a.w * P[a.b, a.b])
-    return float(scaled + a.v * (2.0 * (P[a.i, a.d] + a.w * P[a.b, a.d]) + a.v * P[a.d, a.d]))
+    return float(scaled + a.v * (2.0 * (P[a.i, LATE] + a.w * P[a.b, LATE]) + a.v * P[LATE, LATE]))
 
 
 @compiled_without_allocation
@@ -175,7 +175,7 @@ def correct_lasting(f: Any, a: Seen) -> None:
     for c in range(2):
         if f.lasts[c]:
             s = f.lasting[c]
-            of_it = s[a.i] + a.w * s[a.b] + a.v * s[a.d]
+            of_it = s[a.i] + a.w * s[a.b] + a.v * s[LATE]
             for k in range(N):
                 s[k] -= f.K[k] * of_it
 
@@ -335,16 +335,19 @@ def take_measurement(f: Any, a: Seen, e: float, R: float) -> float:
     S = weigh(f, a, e, R)
     P, h = f.P, f.h
     for k in range(0, N, _AT_ONCE):
-        h_0, h_1 = h[k], h[k + 1]
+        h_0, h_1, h_2, h_3, h_4 = h[k], h[k + 1], h[k + 2], h[k + 3], h[k + 4]
         for m in range(N):
             h_m = h[m]
             P[k, m] -= h_0 * h_m
             P[k + 1, m] -= h_1 * h_m
+            P[k + 2, m] -= h_2 * h_m
+            P[k + 3, m] -= h_3 * h_m
+            P[k + 4, m] -= h_4 * h_m
     i = a.i
     for k in range(N):
         if k != i:
-            P[k, i] = P[i, k] = f.along[k] - a.w * P[a.b, k] - a.v * P[a.d, k]
-    P[i, i] = f.along[i] - a.w * P[a.b, i] - a.v * P[a.d, i]
+            P[k, i] = P[i, k] = f.along[k] - a.w * P[a.b, k] - a.v * P[LATE, k]
+    P[i, i] = f.along[i] - a.w * P[a.b, i] - a.v * P[LATE, i]
     return S
 
 
@@ -354,7 +357,7 @@ def weigh(f: Any, a: Seen, e: float, R: float) -> float:
     S = variance(f, a) + R
     inverse, root, rest = 1.0 / S, 1.0 / math.sqrt(S), R / S
     for k in range(N):
-        along = f.P[a.i, k] + a.w * f.P[a.b, k] + a.v * f.P[a.d, k]
+        along = f.P[a.i, k] + a.w * f.P[a.b, k] + a.v * f.P[LATE, k]
         f.K[k] = along * inverse
         f.x[k] += f.K[k] * e
         f.h[k] = along * root
@@ -385,12 +388,15 @@ def take_both(f: Any, i: int, j: int) -> None:
     """Let both measurements that were weighed act on P, in one way through it."""
     P, h, g = f.P, f.h, f.h_2
     for k in range(0, N, _AT_ONCE):
-        h_0, h_1 = h[k], h[k + 1]
-        g_0, g_1 = g[k], g[k + 1]
+        h_0, h_1, h_2, h_3, h_4 = h[k], h[k + 1], h[k + 2], h[k + 3], h[k + 4]
+        g_0, g_1, g_2, g_3, g_4 = g[k], g[k + 1], g[k + 2], g[k + 3], g[k + 4]
         for m in range(N):
             h_m, g_m = h[m], g[m]
             P[k, m] -= h_0 * h_m + g_0 * g_m
             P[k + 1, m] -= h_1 * h_m + g_1 * g_m
+            P[k + 2, m] -= h_2 * h_m + g_2 * g_m
+            P[k + 3, m] -= h_3 * h_m + g_3 * g_m
+            P[k + 4, m] -= h_4 * h_m + g_4 * g_m
     g_i = g[i]
     for k in range(N):
         P[k, i] = P[i, k] = f.along[k] - g_i * g[k]

@@ -15,7 +15,7 @@ class KalmanDesign:
     wheel_speed_noise_rad_s: float  # of one wheel
     wheel_scale_error_share: float  # of all wheel speeds against the ratios; lasting
     ratio_error_share: float  # of each gear's ratio; lasting
-    delay_error_s: float  # of the speeds of shafts, and of wheels, beyond what is told, against the engine's
+    delay_error_s: float  # of wheel speeds against those of shafts, beyond what is told; lasting
     timing_error_s: float  # between the sample of a speed and the time of its frame
     slipping_torque_rate_nm_per_s: float  # how fast the torque of a slipping clutch changes, near lock-up
     sliding_torque_rate_nm_per_s: float  # … and far from it

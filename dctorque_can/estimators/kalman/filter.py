@@ -29,8 +29,7 @@ from dctorque_can.estimators.kalman.model import (
     GAIN,
     LAG_1,
     LAG_2,
-    LATE_SHAFTS,
-    LATE_WHEELS,
+    LATE,
     R_1,
     RATIO_1,
     SCALE,
@@ -202,7 +201,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.P[DT_E, DT_E] = engine_variance(tuning, T_en)
     f.P[GAIN, GAIN] = tuning.gain_error**2
     f.P[LAG_1, LAG_1] = f.P[LAG_2, LAG_2] = tuning.lag_error**2
-    f.P[LATE_SHAFTS, LATE_SHAFTS] = f.P[LATE_WHEELS, LATE_WHEELS] = tuning.delay_error**2
+    f.P[LATE, LATE] = tuning.delay_error**2
     f.P[SCALE, SCALE] = tuning.scale_error**2
     for i in range(2):
         f.ratio[i] = tuning.ratio[i, f.gear[i] + 1]

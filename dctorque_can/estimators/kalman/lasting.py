@@ -26,7 +26,7 @@ from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.model import (
     GAIN,
     LAG_2,
-    LATE_BY,
+    LATE,
     SCALED_BY,
     STEPS_US,
     T_C1,
@@ -56,7 +56,7 @@ from dctorque_can.estimators.kalman.tape import ERRORS, FORGET, MEASURE, PREDICT
     OUTPUT_STIFFNESS,
     ENGINE_TORQUE,  # offset
 ) = range(ERRORS)
-_AGES = 2.5  # timing errors of a vehicle file, which are those of noise: messages of a bus are 1 to 2 ms late
+_AGES = 8.0  # timing errors of a vehicle file, which are those of noise: the model lags, too
 _STIFFNESS = 2.0  # shares that a stiffness may be another: mounts and tyres wind up, too
 _OF_STATE = np.full(N, -1, np.int8)  # whose age a measurement of each state has
 _OF_STATE[[W_E, W_C1, W_C2, W_W, W_B]] = AGE_ENGINE, AGE_SHAFTS, AGE_SHAFTS, AGE_DRIVEN, AGE_UNDRIVEN
@@ -114,9 +114,9 @@ def go_forth(
 def measure(tape: Any, along: Any, tuning: Any, n: int) -> None:
     """s ← s + K a, and a onto the tape."""
     i, w, v = tape.which[n, 0], tape.w[n], tape.v[n]
-    age, b, d = _OF_STATE[i], SCALED_BY[i], LATE_BY[i]
+    age, b = _OF_STATE[i], SCALED_BY[i]
     for p in range(ERRORS):
-        tape.adds[n, p] = -along.s[i, p] - w * along.s[b, p] - v * along.s[d, p]
+        tape.adds[n, p] = -along.s[i, p] - w * along.s[b, p] - v * along.s[LATE, p]
     if age >= 0:
         tape.adds[n, age] -= tape.turns[n] * tuning.lasting[age]
     for k in range(N):

@@ -67,27 +67,20 @@ class State(IntEnum):
     SCALE = 21  # share by which the driven wheels are told too fast, as the ratios have it
     RATIO_1 = 22  # … and by which the ratio of the gear on each shaft is larger than in the vehicle file
     RATIO_2 = 23
-    LATE_SHAFTS = (
-        24  # s, by which speeds of input shafts, and of wheels, come later than told, against the engine's
-    )
-    LATE_WHEELS = 25
+    LATE = 24  # s, by which speeds of wheels come later than those of shafts, beyond what is told
 
 
 N = len(State)
 W_E, W_D, W_C1, W_C2, W_O, W_W, W_B, TH_D, TH_T1, TH_T2, TH_O, T_X, T_C1, T_C2, R_1, R_2, T_V, DT_E, *_LASTING = (
     range(N)
 )
-GAIN, LAG_1, LAG_2, SCALE, RATIO_1, RATIO_2, LATE_SHAFTS, LATE_WHEELS = _LASTING
+GAIN, LAG_1, LAG_2, SCALE, RATIO_1, RATIO_2, LATE = _LASTING
 
 SCALED_BY = np.arange(N, dtype=np.int64)
 """By the error of which state a measurement of each speed is too large, as a share; of all others it is the state
 itself. Ratios and wheels do not agree to the last digit, and a shaft is stiff: what is left would be a twist that
 grows. So the model's shafts turn as the ratios of the vehicle file have it, and ω (1 + error) is measured."""
 SCALED_BY[[W_W, W_C1, W_C2]] = SCALE, RATIO_1, RATIO_2
-
-LATE_BY = np.arange(N, dtype=np.int64)
-"""By which state a measurement of each speed is late; of all others it is the state itself."""
-LATE_BY[[W_W, W_B, W_C1, W_C2]] = LATE_WHEELS, LATE_WHEELS, LATE_SHAFTS, LATE_SHAFTS
 
 STEPS_US = (16_000, 8_000, *range(4_000, 0, -250))
 """A time is bridged by as many of these as fit, the longest first: mostly one, from frame to frame of a bus."""
@@ -218,7 +211,7 @@ def continuous(
     A[DT_E, DT_E] = -1.0 / design.engine_torque_error_time_s
     A[GAIN, GAIN] = -1.0 / GAIN_TIME
     A[LAG_1, LAG_1] = A[LAG_2, LAG_2] = -1.0 / LAG_TIME
-    A[LATE_SHAFTS, LATE_SHAFTS] = A[LATE_WHEELS, LATE_WHEELS] = -1.0 / LATE_TIME
+    A[LATE, LATE] = -1.0 / LATE_TIME
     if design.wheel_scale_error_share > 0.0:
         A[SCALE, SCALE] = -0.5 * (SCALE_WALK / design.wheel_scale_error_share) ** 2
     return A, T_o
@@ -246,7 +239,7 @@ def intensities(design: KalmanDesign) -> Floats:
     q[GAIN] = 2.0 * gain**2 / GAIN_TIME
     q[[LAG_1, LAG_2]] = 2.0 * lag**2 / LAG_TIME
     q[SCALE] = SCALE_WALK**2 if design.wheel_scale_error_share > 0.0 else 0.0
-    q[[LATE_SHAFTS, LATE_WHEELS]] = 2.0 * design.delay_error_s**2 / LATE_TIME
+    q[LATE] = 2.0 * design.delay_error_s**2 / LATE_TIME
     return np.diag(q)
 
 

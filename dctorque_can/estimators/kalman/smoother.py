@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.estimators.kalman.model import GAIN, LAG_2, LATE_BY, SCALED_BY, N, Tables
+from dctorque_can.estimators.kalman.model import GAIN, LAG_2, LATE, SCALED_BY, N, Tables
 from dctorque_can.estimators.kalman.tape import ERRORS, FORGET, MEASURE, PREDICT
 
 _LEAST_WEIGHT = 0.001  # of a correction: a smoothed estimate can be told from one that is as online
@@ -103,7 +103,7 @@ def clear(a: Any) -> None:
 def undo_measurement(tape: Any, a: Any, n: int) -> None:
     """Λ ← Cᵀ Λ C + a aᵀ/S, λ ← Cᵀ λ − a e/S, with a of `arithmetic.Seen`: few rows and columns of Λ change."""
     i, S = tape.which[n, 0], tape.S[n]
-    places, weights = (i, SCALED_BY[i], LATE_BY[i]), (1.0, tape.w[n], tape.v[n])
+    places, weights = (i, SCALED_BY[i], LATE), (1.0, tape.w[n], tape.v[n])
     along, twice = tape.e[n] / S, 1.0 / S
     for k in range(N):
         along += tape.K[n, k] * a.lam[k]

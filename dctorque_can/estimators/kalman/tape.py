@@ -31,7 +31,7 @@ TAPE = np.dtype(
         ("rate", "f8", (OPERATIONS, 5)),  # of `RATES`, in it: by these errors that last act
         ("times", "i8", (OPERATIONS,)),  # that the same prediction was made in a row
         ("w", "f8", (OPERATIONS,)),  # weight of the error that scales what was measured (`model.SCALED_BY`)
-        ("v", "f8", (OPERATIONS,)),
+        ("v", "f8", (OPERATIONS,)),  # … and of the delay
         ("S", "f8", (OPERATIONS,)),  # variance of the innovation
         ("e", "f8", (OPERATIONS,)),  # innovation
         ("K", "f8", (OPERATIONS, N)),  # gain
@@ -95,7 +95,7 @@ def predicted(f: Any, model: int, step: int) -> None:
 
 @compiled_without_allocation
 def measured(f: Any, i: int, w: float, v: float, S: float, e: float) -> None:
-    """Write that x_i was measured, scaled by its error's state times w, with the gain f.K."""
+    """Write that x_i was measured, w and v of `arithmetic.Seen`, with the gain f.K."""
     n = _next(f.tape, MEASURE)
     if n >= 0:
         f.tape.which[n, 0], f.tape.w[n], f.tape.v[n], f.tape.S[n], f.tape.e[n] = i, w, v, S, e

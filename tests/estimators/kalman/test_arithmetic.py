@@ -13,7 +13,7 @@ from .with_past import sensor_row
 
 CARS = {car: load_config(shipped_config(car)).settings for car in ("paper_car", "avante_dct7")}
 SIZES = np.array([*7 * [0.5], *4 * [0.02], 300.0, 40.0, 40.0, 900.0, 900.0, 200.0, 8.0, 0.03, 0.04, 0.05])  # σ
-SIZES = np.append(SIZES, [*3 * [0.002], *2 * [0.005]])
+SIZES = np.append(SIZES, [0.002, 0.002, 0.002, 0.005])
 FACTORS = (9e6, 4e4, 400.0, 3600.0, 25.0)
 TORQUE = 80.0
 

@@ -71,8 +71,7 @@ def right_hand_side(vehicle, design, g1, g2, x, T_en):
         S.SCALE: -x[S.SCALE] * 0.5 * (3e-5 / design.wheel_scale_error_share) ** 2,
         S.RATIO_1: 0.0,
         S.RATIO_2: 0.0,
-        S.LATE_SHAFTS: -x[S.LATE_SHAFTS] / 1e4,
-        S.LATE_WHEELS: -x[S.LATE_WHEELS] / 1e4,
+        S.LATE: -x[S.LATE] / 1e4,
     }
     damping = design.tyre_slip_stiffness * chassis.mass_kg / 2 * 9.80665 * chassis.wheel_radius_m**2 / 30.0
     rate[S.T_X] = pair.R_1 * x[S.R_1] + pair.R_2 * x[S.R_2] + damping * (rate[S.W_W] - rate[S.W_B])

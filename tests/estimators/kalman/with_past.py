@@ -5,23 +5,18 @@ import numpy as np
 from dctorque_can.estimators.kalman.model import N, State
 
 SCALES = {State.W_W: State.SCALE, State.W_C1: State.RATIO_1, State.W_C2: State.RATIO_2}
-DELAYS = {
-    State.W_W: State.LATE_WHEELS,
-    State.W_B: State.LATE_WHEELS,
-    State.W_C1: State.LATE_SHAFTS,
-    State.W_C2: State.LATE_SHAFTS,
-}
 
 
 def sensor_row(f, i):
-    """What a sensor of x_i sees of the state ``[N]``: a share of the speed too much, and the speed of before."""
+    """What a sensor of x_i sees of the state ``[N]``: a share too much; wheels d/2 late, shafts early."""
     H = np.eye(N)[i]
     if i in SCALES:
         H[SCALES[i]] = f["x"][i]
-    if i in DELAYS and not f["spins"]:
-        H[DELAYS[i]] = -f["rate"][State.W_B]
-        if i in (State.W_C1, State.W_C2):
-            H[DELAYS[i]] *= f["ratio"][i - State.W_C1]
+    if not f["spins"]:
+        if i in (State.W_W, State.W_B):
+            H[State.LATE] = -0.5 * f["rate"][State.W_B]
+        elif i in (State.W_C1, State.W_C2):
+            H[State.LATE] = 0.5 * f["ratio"][i - State.W_C1] * f["rate"][State.W_B]
     return H
 
 
