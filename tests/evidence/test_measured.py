@@ -21,7 +21,7 @@ BY_THE_MONITOR = ("kissing point of 1: sooner", "kissing point of 1 and 2: soone
 """Told by the monitor too; measured only where launches show it."""
 
 
-@pytest.mark.parametrize("car", ["avante", "invented"])
+@pytest.mark.parametrize("car", ["avante", "invented", "telling"])
 def test_nothing_on_a_right_file(cars, car):
     config, frames = cars[car]
     assert measure([frames], config).findings == []
