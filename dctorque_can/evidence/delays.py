@@ -24,6 +24,9 @@ MOST_S = 0.25
 _ROUNDS = 3  # of linearisation
 _APART = 0.04  # share by which a speed may be away from the line: more is no such pair
 _ENGINE_SHARE = 0.5
+FORCE = 0.2
+"""Share by which the force of the tyres may be wrong. An acceleration that has less apart from that force, as on a
+level road, does not tell a delay from slip."""
 _MODEL_S = {"engine": 0.3e-3, "wheels": 0.5e-3, "body": 3e-3}
 """What a delay is wrong by beside chance: twist of damper and shafts; slip of the tyres."""
 
@@ -120,8 +123,19 @@ def _late_body(m: Moments) -> Number | None:
     inertia = m.vehicle.engine_inertia_kgm2 + m.vehicle.damper.inertia_kgm2
     force = smooth(m.torque * m.ratio[i, row]) - ratio * inertia * rate(m.engine)
     slip = smooth(m.wheels) * force
+    rows = lasting(where, 0.3, 0.3) & np.isfinite(rate(m.body) + slip)
+    if not rows.any() or _apart(rate(m.body)[rows], [slip[rows], force[rows], smooth(m.body)[rows]]) < FORCE:
+        return None
     found = _late(m, m.body, m.wheels, where, [slip, force])
     return None if found is None else _turned(found)
+
+
+def _apart(values: Floats, columns: list[Floats]) -> float:
+    """Return the standard deviation of what columns and a constant leave of values, over that of values."""
+    x = np.stack([*columns, np.ones(len(values))], axis=1)
+    x /= np.sqrt(np.mean(x * x, axis=0))
+    solution, *_ = np.linalg.lstsq(x, values, rcond=None)
+    return float(np.std(values - x @ solution) / np.std(values))
 
 
 def _against_most(late: dict[tuple[Quantity, ...], list[tuple[Number, float]]]) -> list[Delay]:

@@ -11,6 +11,7 @@ from dctorque_can.evidence.measured import measure
 from dctorque_can.evidence.moments import moments
 from dctorque_can.evidence.series import decoded
 from dctorque_can.evidence.torques import factors, idle_torque, overrun_torque
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 from dctorque_can.pipeline.samples import Quantity
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
 from dctorque_can.simulation.sensors import PRODUCTION
@@ -133,3 +134,11 @@ def test_torques_and_kissing_point_are_those_of_the_car(cars):
     assert -1.5 * drag < overrun_torque(m).value < -0.7 * drag
     kiss = kissing_point(m, 1, True)
     assert abs(kiss.point.value - DEMO_POWERTRAIN.kissing_point_mm) < 0.4
+
+
+@pytest.mark.parametrize("drive", [DriveName.KICK_DOWN, DriveName.BRAKED_COAST_DOWN, DriveName.HARD_SYNCHRONISER])
+def test_slip_on_a_level_road_is_no_delay(cars, drive):
+    """Without hills the acceleration is that of the force: what its slip does looks like a delay of 80 ms."""
+    config, _ = cars["telling"]
+    frames = simulate_car(config, drive, ProfileName.PRODUCTION, 1, None).frames
+    assert measure([frames], config).findings == []
