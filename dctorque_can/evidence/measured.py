@@ -88,6 +88,6 @@ def _corrected(draft: Draft, finding: Finding) -> tuple[Draft, Finding]:
     if not finding.fix:
         return draft, finding
     try:
-        return draft.corrected(finding.fix), finding
+        return draft.corrected([*finding.fix, *finding.also]), finding
     except ConfigError:
-        return draft, replace(finding, fix=())
+        return draft, replace(finding, fix=(), also=())

@@ -7,6 +7,7 @@ import pytest
 from dctorque_can.config.load import load_documents
 from dctorque_can.evidence.clutches import kissing_point
 from dctorque_can.evidence.delays import delays
+from dctorque_can.evidence.draft import Draft
 from dctorque_can.evidence.measured import measure
 from dctorque_can.evidence.moments import moments
 from dctorque_can.evidence.series import decoded
@@ -121,6 +122,30 @@ def test_delays_are_those_of_the_bus(cars):
         late = found[quantity]
         difference = 1e3 * (late.late_s.value - engine) - (late_ms[message] - late_ms["EngineData"])
         assert abs(difference) < 3e3 * math.hypot(late.late_s.sigma, late.model_s), quantity
+
+
+def test_a_delay_that_would_be_negative_lets_all_others_grow(cars, tmp_path):
+    """Delays are relative: the engine comes sooner than with none at all, so the others get what it lacks."""
+    config, frames = cars["telling"]
+    told = {given.quantity: 1e-3 * given.delay_us for given in config.inputs}
+    late = told[Quantity.ENGINE_SPEED] + 12.0
+    draft = Draft(config)
+    laid = {}
+    for quantity, right in told.items():
+        sooner = max(right - late, 0.0) if quantity is not Quantity.ENGINE_TORQUE else 0.0
+        laid |= dict(draft.with_key(quantity, "delay_ms", f"{sooner:g}"))
+    found, corrected = measure([frames], load_documents(config.documents, laid))
+    assert {finding.key.split(".")[-1] for finding in found} == {"delay_ms"}
+    assert [finding.key for finding in found if finding.also] == [found[0].key]
+    delays_us = {given.quantity: given.delay_us for given in corrected.config.inputs}
+    assert min(delays_us.values()) == 0
+    for one, other in (
+        (Quantity.SHAFT1_SPEED, Quantity.ENGINE_SPEED),
+        (Quantity.WHEEL_SPEED_FL, Quantity.ENGINE_SPEED),
+    ):
+        between = 1e-3 * (delays_us[one] - delays_us[other])
+        assert between == pytest.approx(told[one] - told[other], abs=3.0)
+    assert measure([frames], corrected.config).findings == []
 
 
 def test_torques_and_kissing_point_are_those_of_the_car(cars):
