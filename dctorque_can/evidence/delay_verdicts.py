@@ -17,6 +17,7 @@ from dctorque_can.evidence.draft import Draft, Fix
 from dctorque_can.evidence.findings import Finding
 from dctorque_can.evidence.fits import Number
 from dctorque_can.evidence.moments import Moments
+from dctorque_can.evidence.pictures import against, thinned
 from dctorque_can.pipeline.samples import Quantity
 
 LEAST_S = 2e-3
@@ -66,4 +67,12 @@ def _finding(draft: Draft, late: Delay, told_ms: float, right_ms: float, fix: Fi
     if also:
         text += "; no delay is negative, so those of all others grow"
     key = f"{draft.key_of(late.quantities[0])}.delay_ms"
-    return Finding("warning", key, text, right_ms, sigma_ms, fix, also=also)
+    picture = against(
+        ("rate of the speed, rad/s²", "by how much it lags behind, rad/s"),
+        thinned(late.rate, late.lag),
+        {
+            f"the file: delay_ms = {told_ms:g} fits": lambda x: 0.0 * x,
+            f"the log: {by.shown('ms')} {when}": lambda x: late.late_s.value * x,
+        },
+    )
+    return Finding("warning", key, text, right_ms, sigma_ms, fix, picture=picture, also=also)

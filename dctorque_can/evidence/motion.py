@@ -65,7 +65,7 @@ class Compared:
 
     Attributes:
         slope: of y over x: what is told is to be multiplied with that.
-        x, y: for a picture ``[n]``.
+        x, y: for a picture ``[n]``, less their medians.
     """
 
     slope: Slope
@@ -146,8 +146,9 @@ def _compared(
 ) -> Compared | None:
     columns = [each[where] for each in others]
     blocks = {} if block_s is None else {"block_s": block_s}
-    found = slope(m.t_s[where], x[where], y[where], columns, STEP_S, **blocks)
-    return None if found is None else Compared(found, x[where], y[where])
+    x, y = x[where], y[where]
+    found = slope(m.t_s[where], x, y, columns, STEP_S, **blocks)
+    return None if found is None else Compared(found, x - np.median(x), y - np.median(y))
 
 
 class Share(NamedTuple):

@@ -127,7 +127,7 @@ def grades(m: Moments, draft: Draft) -> list[Finding]:
         hypot(HONEST_GRADE, draft.honest("vehicle.chassis.mass_kg", HONEST_MASS)) if by_torque else HONEST_GRADE
     )
     source = "engine torque and dv/dt" if by_torque else "acceleration less dv/dt"
-    labels = ("grade as told, sine", f"grade by {source}, sine")
+    labels = ("grade as told, sine, less its median", f"grade by {source}, sine, less its median")
     return _scale(draft, Quantity.GRADE, found.slope, honest, _GRADES, _slope_picture(found, labels))
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from dctorque_can.config.load import load_documents
@@ -122,6 +123,20 @@ def test_delays_are_those_of_the_bus(cars):
         late = found[quantity]
         difference = 1e3 * (late.late_s.value - engine) - (late_ms[message] - late_ms["EngineData"])
         assert abs(difference) < 3e3 * math.hypot(late.late_s.sigma, late.model_s), quantity
+
+
+def test_pictures_show_delays_and_signs(cars):
+    """The points lie on the line of the log: a speed that is 20 ms late lags by 20 ms times its rate."""
+    config, frames = cars["avante"]
+    wrong = {"inputs.engine_speed.delay_ms": "25", "inputs.shaft2_speed.factor": "-1"}
+    found, _ = measure([frames], load_documents(config.documents, wrong))
+    sign, late = (next(each for each in found if key in each.key) for key in ("shaft2", "engine"))
+    assert np.quantile(sign.picture.y, 0.9) <= 0.0
+    name, x, y = late.picture.lines[1]
+    assert name.startswith("the log: 2")
+    slope = np.polyfit(late.picture.x, late.picture.y, 1)[0]
+    assert slope == pytest.approx((y[-1] - y[0]) / (x[-1] - x[0]), rel=0.1)
+    assert slope == pytest.approx(-25e-3, abs=3e-3)
 
 
 def test_a_delay_that_would_be_negative_lets_all_others_grow(cars, tmp_path):
