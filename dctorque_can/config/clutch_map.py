@@ -75,8 +75,8 @@ def map_settings(document: Document, section: ClutchMapSection, settings: Settin
     one, two = (_actuation(settings, i) for i in range(2))
     if one is None and two is None:
         reason = (
-            "clutch_map needs the position, pressure or command of a clutch: give source: position or command with "
-            "clutch1 and clutch2, or inputs.clutch1_command and inputs.clutch2_command"
+            "clutch_map needs the position, pressure or command of a clutch: give source: position or command, "
+            "with clutch1 and clutch2; or inputs.clutch1_command and inputs.clutch2_command"
         )
         document.problems.append(document.problem(("clutch_phase", "source"), reason))
     given = {entry.quantity for entry in settings.inputs}
