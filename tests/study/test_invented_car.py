@@ -16,7 +16,7 @@ def test_each_one_loads_without_a_warning() -> None:
     for seed in SEEDS:
         config = load_documents(invent_car(seed).documents)
         assert config.warnings == (), seed
-        assert config.of_class == ()
+        assert config.of_class == {}
 
 
 def test_motion_is_told_beside_all_else() -> None:
