@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dctorque_can.evidence.fits import Number, fit
+from dctorque_can.evidence.fits import TO_SIGMA, Number, fit
 from dctorque_can.evidence.moments import SHAFTS, STEP_S, WHEELS, Mask, Moments, lasting, rate, smooth
 from dctorque_can.evidence.series import Floats
 from dctorque_can.evidence.torques import factors
@@ -148,19 +148,22 @@ def _late_body(m: Moments) -> _Late | None:
     inertia = m.vehicle.engine_inertia_kgm2 + m.vehicle.damper.inertia_kgm2
     force = smooth(m.torque * m.ratio[i, row]) - ratio * inertia * rate(m.engine)
     slip = smooth(m.wheels) * force
-    rows = lasting(where, 0.3, 0.3) & np.isfinite(rate(m.body) + slip)
-    if not rows.any() or _apart(rate(m.body)[rows], [slip[rows], force[rows], smooth(m.body)[rows]]) < FORCE:
+    speed, gathers = smooth(m.body), rate(m.body)
+    rows = lasting(where, 0.3, 0.3) & np.isfinite(gathers + slip)
+    if _apart(m.t_s[rows], gathers[rows], [slip[rows], force[rows], speed[rows]]) < FORCE:
         return None
     found = _late(m, m.body, m.wheels, where, [slip, force])
     return None if found is None else found.turned()
 
 
-def _apart(values: Floats, columns: list[Floats]) -> float:
-    """Return the standard deviation of what columns and a constant leave of values, over that of values."""
-    x = np.stack([*columns, np.ones(len(values))], axis=1)
-    x /= np.sqrt(np.mean(x * x, axis=0))
-    solution, *_ = np.linalg.lstsq(x, values, rcond=None)
-    return float(np.std(values - x @ solution) / np.std(values))
+def _apart(t_s: Floats, values: Floats, columns: list[Floats]) -> float:
+    """Return the standard deviation of what columns and a constant leave of most values, over that of values."""
+    columns = [*columns, np.ones(len(values))]
+    found = fit(t_s, columns, values, STEP_S)
+    if found is None:
+        return 0.0
+    rest = np.abs(values - np.stack(columns, axis=1) @ found.values)
+    return TO_SIGMA * float(np.median(rest)) / float(np.std(values))
 
 
 def _against_most(late: dict[tuple[Quantity, ...], list[tuple[_Late, float]]]) -> list[Delay]:

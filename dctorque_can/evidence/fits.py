@@ -12,8 +12,9 @@ Floats = NDArray[np.float64]
 BLOCK_S = 2.0
 """Errors of neighbouring moments are alike for about so long: shifts, gusts, the driver's foot."""
 FEWEST_BLOCKS = 3
+TO_SIGMA = 1.4826
+"""Times the median absolute deviation of a normal distribution is its σ."""
 _HUBER = 1.5  # standard deviations from which on a residual counts linearly (Huber 1964)
-_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its σ
 _ROUNDS = 6
 
 
@@ -60,7 +61,7 @@ def median(t_s: Floats, values: Floats, step_s: float) -> Number | None:
         return None
     medians = np.array([np.median(part) for part in parts])
     middle = float(np.median(medians))
-    scatter = _TO_SIGMA * float(np.median(np.abs(medians - middle)))
+    scatter = TO_SIGMA * float(np.median(np.abs(medians - middle)))
     scatter = max(scatter, 0.1 * float(np.std(medians)))  # most blocks may be alike to the last bit
     # the median of n normal numbers scatters by √(π/2n)
     return Number(middle, scatter * sqrt(np.pi / 2 / len(parts)), len(values) * step_s)
@@ -107,7 +108,7 @@ def fit(t_s: Floats, columns: list[Floats], y: Floats, step_s: float, block_s: f
         if rank < len(columns):
             return None
         rest = y - x @ found
-        limit = _HUBER * (_TO_SIGMA * float(np.median(np.abs(rest))) + 1e-12)
+        limit = _HUBER * (TO_SIGMA * float(np.median(np.abs(rest))) + 1e-12)
         weights = np.minimum(1.0, limit / np.maximum(np.abs(rest), 1e-300))
     inverse = np.linalg.inv((x * weights[:, None]).T @ x)
     _, block = np.unique(np.floor(t_s / block_s), return_inverse=True)

@@ -17,6 +17,7 @@ from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_
 from dctorque_can.pipeline.samples import Quantity
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
 from dctorque_can.simulation.sensors import PRODUCTION
+from dctorque_can.study.invented_car import invent_car
 
 OF_THE_FRAME = ("data id", "checksum", "counter modulus", "timeout too short")
 """Told by what the estimator counts (test_findings.py)."""
@@ -176,9 +177,18 @@ def test_torques_and_kissing_point_are_those_of_the_car(cars):
     assert abs(kiss.point.value - DEMO_POWERTRAIN.kissing_point_mm) < 0.4
 
 
-@pytest.mark.parametrize("drive", [DriveName.KICK_DOWN, DriveName.BRAKED_COAST_DOWN, DriveName.HARD_SYNCHRONISER])
-def test_slip_on_a_level_road_is_no_delay(cars, drive):
+@pytest.mark.parametrize("car", ["invented", "telling"])
+@pytest.mark.parametrize("drive", [DriveName.KICK_DOWN, DriveName.BRAKED_COAST_DOWN, DriveName.SAILING])
+def test_slip_on_a_level_road_is_no_delay(cars, car, drive):
     """Without hills the acceleration is that of the force: what its slip does looks like a delay of 80 ms."""
-    config, _ = cars["telling"]
+    config, _ = cars[car]
     frames = simulate_car(config, drive, ProfileName.PRODUCTION, 1, None).frames
+    assert measure([frames], config).findings == []
+
+
+def test_reverse_is_no_reversed_sign():
+    """A drive in nothing but reverse, of a car whose wheels have a sign."""
+    config = load_documents(invent_car(21).documents)
+    frames = simulate_car(config, DriveName.REVERSE, ProfileName.PRODUCTION, 1, None).frames
+    assert np.nanmin(moments(decoded([frames], config)).wheels) < -5.0
     assert measure([frames], config).findings == []
