@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dctorque_can.driveline.parameters import STANDARD_GRAVITY
-from dctorque_can.evidence.fits import Slope, slope
+from dctorque_can.evidence.fits import BLOCK_S, Slope, slope
 from dctorque_can.evidence.moments import (
     RUNS_RAD_S,
     SHAFTS,
@@ -142,12 +142,11 @@ def _force(m: Moments) -> Floats:
 
 
 def _compared(
-    m: Moments, where: Mask, x: Floats, y: Floats, others: list[Floats], block_s: float | None = None
+    m: Moments, where: Mask, x: Floats, y: Floats, others: list[Floats], block_s: float = BLOCK_S
 ) -> Compared | None:
     columns = [each[where] for each in others]
-    blocks = {} if block_s is None else {"block_s": block_s}
     x, y = x[where], y[where]
-    found = slope(m.t_s[where], x, y, columns, STEP_S, **blocks)
+    found = slope(m.t_s[where], x, y, columns, STEP_S, block_s)
     return None if found is None else Compared(found, x - np.median(x), y - np.median(y))
 
 

@@ -70,22 +70,21 @@ def brakes(m: Moments, draft: Draft) -> list[Finding]:
     value: float | None = None
     fix: Fix = ()
     if found.on_gathering.share > HALF:
-        text = f"brake: is told as on for {_of_time(found.on_gathering)} in which the car gathers speed"
+        told = f"told as on for {_of_time(found.on_gathering)} in which the car gathers speed"
         if found.above.is_most():
-            text += f": an offset, of up to {found.most:.3g}"
+            text = f"an offset of up to {found.most:.3g}: {told}"
             value, fix = -found.most, draft.shifted(Quantity.BRAKE, -found.most)
         elif found.below.is_most():
-            text += ", and as less while it slows down: on and off are exchanged"
+            text = f"on and off are exchanged: {told}, and as less while it slows down"
             value, fix = -1.0, draft.taken_from(Quantity.BRAKE, found.least)
         else:
-            text += ": another signal, or it is stuck"
+            text = f"another signal, or stuck: {told}"
     elif found.on.share == 0.0 and found.below.is_most():
-        text = (
-            f"brake: is less than {found.least:.3g} while the car slows down, and never on: its sign is reversed"
-        )
+        text = f"its sign is reversed: never told as on, and less than {found.least:.3g} while the car slows down"
         value, fix = -1.0, draft.taken_from(Quantity.BRAKE, found.least)
     else:
         return []
+    text = f"brake: {text}"
     return [Finding("warning", key, text, value, None, fix, _BRAKED, _brake_picture(m))]
 
 
@@ -95,8 +94,8 @@ def brakes_untold(m: Moments, draft: Draft) -> list[Finding]:
     if found is None or found.on_slowing.seconds < LEAST_S or found.on_slowing.share > SELDOM:
         return []
     text = (
-        f"brake: is told as on for {_of_time(found.on_slowing)} in which the car slows down by more than "
-        f"{SLOWS_M_S2:g} m/s², as by brakes alone: another signal, or its values?"
+        f"brake: another signal, or its values? Told as on for {_of_time(found.on_slowing)} in which the car "
+        f"slows down by more than {SLOWS_M_S2:g} m/s², as by brakes alone"
     )
     return [Finding("warning", draft.key_of(Quantity.BRAKE), text, explains=_BRAKED, picture=_brake_picture(m))]
 
@@ -110,8 +109,8 @@ def accelerations(m: Moments, draft: Draft) -> list[Finding]:
     picture = _slope_picture(found, labels)
     if abs(found.slope.correlation) < STRANGE and not found.slope.least.is_off(0.0, 0.0):
         text = (
-            "acceleration: has nothing to do with that of the wheels (correlation "
-            f"{found.slope.correlation:+.2f}): it is another signal than that along the car"
+            "acceleration: another signal than that along the car: it has nothing to do with that of the wheels "
+            f"(correlation {found.slope.correlation:+.2f})"
         )
         return [Finding("warning", draft.key_of(Quantity.ACCELERATION), text, picture=picture)]
     return _scale(draft, Quantity.ACCELERATION, found.slope, HONEST_ACCELERATION, _ACCELERATIONS, picture)
@@ -139,7 +138,7 @@ def told_direction(m: Moments, draft: Draft) -> list[Finding]:
     key = draft.key_of(Quantity.DIRECTION)
     fix: Fix = ()
     if said.backward.is_most():
-        text = f"says backward for {_of_time(said.backward)} driven in forward gears: both are exchanged"
+        text = f"both are exchanged: says backward for {_of_time(said.backward)} driven in forward gears"
         other = {"forward": "backward", "backward": "forward"}
         values = {raw: other.get(way, way) for raw, way in draft.value(f"{key}.values").items()}
         fix = ((f"{key}.values", shown(values)),)
@@ -179,9 +178,9 @@ def _scale(
     if off:
         unit = min(units, key=lambda each: abs(log(size.value / units[each])))
         is_unit = abs(log(size.value / units[unit])) < 2.0 * hypot(size.sigma / size.value, honest)
-        words.append(f"it is to be multiplied with {size.shown()}" + (f": {unit}?" if is_unit else ""))
+        words.append(f"it is to be multiplied with {size.shown()}" + (f" ({unit}?)" if is_unit else ""))
         factor *= units[unit] if is_unit else float(number(size.value, 3))
-    text = f"{quantity.name.lower()}: against the wheels' speeds {', and '.join(words)}"
+    text = f"{quantity.name.lower()}: {' and '.join(words)}, by the speeds of the wheels"
     fix = draft.scaled(quantity, factor)
     return [Finding("warning", draft.key_of(quantity), text, right.value, right.sigma, fix, picture=picture)]
 

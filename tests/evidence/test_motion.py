@@ -131,6 +131,18 @@ def test_a_brake_that_is_stuck_or_never_told(cars, telling):
     assert [finding.key for finding in measure([stop], untold).findings] == ["inputs.brake"]
 
 
+def test_a_pressure_that_falls(cars):
+    """Negative while the car is braked, so that none is ever told; or less than at rest, so that one always is."""
+    config, frames = cars["invented"]
+    key = "inputs.brake"
+    for offset, text in ((0.0, "its sign is reversed"), (20.0, "on and off are exchanged")):
+        laid = {f"{key}.factor": "-1", f"{key}.offset": str(offset)}
+        found, draft = measure([frames], load_documents(config.documents, laid))
+        assert [each.key for each in found] == [key]
+        assert text in found[0].text
+        assert (draft.value(f"{key}.factor"), draft.value(f"{key}.offset")) == (1.0, 0.0)
+
+
 def test_a_direction_that_says_forward_in_reverse(cars):
     config, frames = cars["telling"]
     back = simulate_car(config, DriveName.REVERSE, ProfileName.PRODUCTION, 1, None).frames
