@@ -26,6 +26,10 @@ KEYS = {
     "clutches": ("clutch_phase",),
     "protection": ("protection",),
     "timeout": ("inputs.engine_speed.timeout_ms",),
+    "brake": ("inputs.brake",),
+    "acceleration": ("inputs.acceleration",),
+    "grade": ("inputs.grade",),
+    "direction": ("inputs.direction",),
 }
 """How a key must begin that is named, by kind."""
 
@@ -44,6 +48,7 @@ def mistakes(config: Config) -> Iterator[tuple[str, str, Fix]]:
     yield from _gears(draft)
     yield from _clutches(draft)
     yield from _delays(draft, mapped)
+    yield from _motion(draft, mapped)
     yield from _frames(draft)
 
 
@@ -160,6 +165,37 @@ def _delays(draft: Draft, mapped: set[Quantity]) -> Iterator[tuple[str, str, Fix
     for name, kind, quantities, late_ms in cases:
         fixes = tuple(f for q in quantities for f in draft.with_key(q, "delay_ms", f"{told[q] + late_ms:g}"))
         yield f"delay of {name} {late_ms:+g} ms", kind, fixes
+
+
+def _motion(draft: Draft, mapped: set[Quantity]) -> Iterator[tuple[str, str, Fix]]:
+    if Quantity.BRAKE in mapped:
+        yield (
+            "brake: on and off exchanged",
+            "brake",
+            draft.taken_from(Quantity.BRAKE, _most(draft, Quantity.BRAKE)),
+        )
+        yield "brake: always on", "brake", draft.shifted(Quantity.BRAKE, 0.02 * _most(draft, Quantity.BRAKE))
+    acceleration, grade = Quantity.ACCELERATION, Quantity.GRADE
+    if acceleration in mapped:
+        for name, factor in (("sign", -1.0), ("g as m/s²", 1 / 9.80665), ("m/s² as g", 9.80665), ("half", 0.5)):
+            yield f"acceleration: {name}", "acceleration", draft.scaled(acceleration, factor)
+    if grade in mapped:
+        for name, factor in (("sign", -1.0), ("three times", 3.0), ("a third", 1 / 3)):
+            yield f"grade: {name}", "grade", draft.scaled(grade, factor)
+    key = "inputs.direction.values"
+    values = draft.value(key)
+    if isinstance(values, dict):
+        other = {"forward": "backward", "backward": "forward"}
+        turned = {raw: other.get(way, way) for raw, way in values.items()}
+        yield "direction: forward and backward exchanged", "direction", ((key, shown(turned)),)
+
+
+def _most(draft: Draft, quantity: Quantity) -> float:
+    """Return the largest value of a signal of its own, by the DBC."""
+    entry = next(each for each in draft.config.entries if each.input.quantity is quantity)
+    (term,) = entry.input.terms
+    signal = draft.config.database.get_message_by_name(term.message).get_signal_by_name(term.signal)
+    return float(signal.maximum)
 
 
 def _frames(draft: Draft) -> Iterator[tuple[str, str, Fix]]:

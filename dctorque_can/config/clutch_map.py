@@ -69,14 +69,16 @@ def map_settings(document: Document, section: ClutchMapSection, settings: Settin
             document.problems.append(document.problem(("clutch_map", "ids", name), reason))
     if not section.enabled:
         return None
-    where = ("clutch_map", "enabled")
     if settings.method is not Method.KALMAN:
-        reason = "needs standard deviations of the torques: set estimator.method: kalman"
-        document.problems.append(document.problem(where, reason))
+        reason = "clutch_map needs standard deviations of the torques: set estimator.method: kalman"
+        document.problems.append(document.problem(("estimator", "method"), reason))
     one, two = (_actuation(settings, i) for i in range(2))
     if one is None and two is None:
-        reason = "needs the position of a clutch (clutch_phase.source: position) or its command (inputs)"
-        document.problems.append(document.problem(where, reason))
+        reason = (
+            "clutch_map needs the position, pressure or command of a clutch: give source: position or command, "
+            "with clutch1 and clutch2; or inputs.clutch1_command and inputs.clutch2_command"
+        )
+        document.problems.append(document.problem(("clutch_phase", "source"), reason))
     given = {entry.quantity for entry in settings.inputs}
     if section.use_as_command and given & {Quantity.CLUTCH1_COMMAND, Quantity.CLUTCH2_COMMAND}:
         reason = "a command is among the inputs already: leave that or this out"

@@ -20,7 +20,7 @@ from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import ConfigError, Problem
 from dctorque_can.config.section import absent, nearest, problem_order, validate
-from dctorque_can.config.vehicle_class import take_class, take_sigmas
+from dctorque_can.config.vehicle_class import class_sigmas, take_class, take_sigmas
 from dctorque_can.pipeline.frames import Address
 from dctorque_can.pipeline.samples import Input, Protection
 from dctorque_can.pipeline.settings import Settings
@@ -60,7 +60,7 @@ class Config:
         reorder_us: window within which frames of logs are sorted; None: as their origin asks for.
         addresses: by what the frames of each message are known, by its name.
         sigmas: standard deviation of a number, by its dotted key, where the file or its class of cars tells one.
-        of_class: dotted keys of the numbers that the class of the car gave.
+        of_class: the numbers that the class of the car gave, by dotted key.
         warnings: what is doubtful but usable.
     """
 
@@ -80,7 +80,7 @@ class Config:
     reorder_us: int | None
     addresses: dict[str, Address]
     sigmas: dict[str, float]
-    of_class: tuple[str, ...]
+    of_class: dict[str, float]
     warnings: tuple[Problem, ...]
 
     @property
@@ -213,8 +213,8 @@ def _load(
         entries=parts.entries,
         reorder_us=parts.reorder_us,
         addresses=files.addresses,
-        sigmas=of_class | sigmas,
-        of_class=tuple(of_class),
+        sigmas=class_sigmas(of_class) | sigmas,
+        of_class=of_class,
         warnings=tuple(problems),
     )
 

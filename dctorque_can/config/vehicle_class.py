@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -71,31 +71,33 @@ def take_class(document: Document) -> dict[str, float]:
     """Give ``vehicle`` what it leaves to its ``class``.
 
     Returns:
-        Standard deviations by dotted key of what the class gave.
+        The numbers that the class gave, by dotted key.
     """
-    sigmas: dict[str, float] = {}
     vehicle = document.data.get("vehicle")
     if not isinstance(vehicle, dict) or "class" not in vehicle:
-        return sigmas
+        return {}
     name = vehicle["class"]
     known = [path.stem for path in shipped_classes()]
     if name not in known:
         place = document.problem(("vehicle", "class"), "no such class of cars" + nearest(str(name), known))
         document.problems.append(replace(place, key="vehicle"))  # in place of all that it would have given
         document.unreadable["vehicle"] = document.problems[-1]
-        return sigmas
+        return {}
     given = parse(shipped_class(name).read_bytes(), f"class {name}")
     assert not given.problems
     of_class = given.data["vehicle"]
     del of_class["driven_axle"]
-    _take_gears(vehicle, of_class.pop("gears"), sigmas)
-    for path in _fill(vehicle, of_class, ("vehicle",)):
-        _note(path, document.value(path), sigmas)
+    paths = [*_take_gears(vehicle, of_class.pop("gears")), *_fill(vehicle, of_class, ("vehicle",))]
     del vehicle["class"]
-    return sigmas
+    return {dotted(path): document.value(path) for path in paths}
 
 
-def _take_gears(vehicle: dict[Any, Any], of_class: dict[Any, Any], sigmas: dict[str, float]) -> None:
+def class_sigmas(of_class: Mapping[str, float]) -> dict[str, float]:
+    """Return the standard deviations of the numbers that a class gave, by dotted key."""
+    return {key: SHARES.get(key.rsplit(".", 1)[-1], 0.0) * abs(value) for key, value in of_class.items()}
+
+
+def _take_gears(vehicle: dict[Any, Any], of_class: dict[Any, Any]) -> Iterator[KeyPath]:
     """Give each gear of the file the inertia of the class's gear of that number, or of its highest one."""
     gears = vehicle.get("gears")
     if not isinstance(gears, dict):
@@ -104,7 +106,7 @@ def _take_gears(vehicle: dict[Any, Any], of_class: dict[Any, Any], sigmas: dict[
     for number, gear in gears.items():
         if isinstance(gear, dict) and absent(gear.get("inertia_kgm2")):
             gear["inertia_kgm2"] = of_class.get(number, highest)["inertia_kgm2"]
-            _note(("vehicle", "gears", number, "inertia_kgm2"), gear["inertia_kgm2"], sigmas)
+            yield ("vehicle", "gears", number, "inertia_kgm2")
 
 
 def _fill(own: dict[Any, Any], of_class: dict[Any, Any], path: KeyPath) -> Iterator[KeyPath]:
@@ -118,7 +120,3 @@ def _fill(own: dict[Any, Any], of_class: dict[Any, Any], path: KeyPath) -> Itera
         elif absent(own.get(key)):
             own[key] = value
             yield (*path, key)
-
-
-def _note(path: KeyPath, value: Any, sigmas: dict[str, float]) -> None:
-    sigmas[dotted(path)] = SHARES.get(str(path[-1]), 0.0) * abs(value)

@@ -35,13 +35,18 @@ def state_name(config: Config) -> str:
 
 
 def identity(config: Config) -> dict[str, Any]:
-    """Return what a kept state must agree with: vehicle file, overrides that matter, format; and the version."""
+    """Return what a kept state must agree with: format, version, and all that the vehicle is.
+
+    That is the vehicle file with what its class of cars gave it, and the overrides that matter.
+    """
     digest = hashlib.sha256(config.documents[config.path.name])
     laid_over = config.documents.get(config.path.stem + OVERRIDES_SUFFIX)
     values = yaml.safe_load(laid_over) if laid_over else {}
     for key in sorted(values):
         if str(key).split(".")[0] not in _EDGES:
             digest.update(f"\0{key}\0{values[key]}".encode())
+    for key in sorted(config.of_class):
+        digest.update(f"\0{key}\0{config.of_class[key]!r}".encode())
     return {"format": state.FORMAT, "version": __version__, "vehicle_file": digest.hexdigest()}
 
 

@@ -98,6 +98,21 @@ class Draft:
             return ()
         return ((f"{key}.offset", number(float(section.get("offset", 0.0)) + offset)),)
 
+    def taken_from(self, quantity: Quantity, total: float) -> Fix:
+        """Return what makes an input ``total`` less what it is, in its unit; nothing for a product or a sum."""
+        key = self.key_of(quantity)
+        section = self.value(key)
+        if isinstance(section, str):
+            return ((key, shown({"signal": section, "factor": -1.0, "offset": total})),)
+        if not isinstance(section, dict) or not isinstance(section.get("signal"), str):
+            return ()
+        if "times" in section or "divided_by" in section:
+            return ()
+        factor, offset = (
+            float(section.get(name, default)) for name, default in (("factor", 1.0), ("offset", 0.0))
+        )
+        return ((f"{key}.factor", number(-factor, 6)), (f"{key}.offset", number(total - offset, 6)))
+
     def with_key(self, quantity: Quantity, name: str, value: str) -> Fix:
         """Return what sets one key of an input."""
         key = self.key_of(quantity)

@@ -76,6 +76,7 @@ class Finding:
             right.
         explains: findings of the monitor (`plausibility.findings`) that have the same cause.
         picture: what shows it, if anything does.
+        also: the values that have to change with those of ``fix``, although nothing is wrong with them.
     """
 
     severity: Severity
@@ -86,6 +87,7 @@ class Finding:
     fix: tuple[tuple[str, str], ...] = ()
     explains: frozenset[str] = frozenset()
     picture: Picture | None = field(default=None, compare=False)
+    also: tuple[tuple[str, str], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields for a JSON report."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,9 @@ Floats = NDArray[np.float64]
 BLOCK_S = 2.0
 """Errors of neighbouring moments are alike for about so long: shifts, gusts, the driver's foot."""
 FEWEST_BLOCKS = 3
+TO_SIGMA = 1.4826
+"""Times the median absolute deviation of a normal distribution is its σ."""
 _HUBER = 1.5  # standard deviations from which on a residual counts linearly (Huber 1964)
-_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its σ
 _ROUNDS = 6
 
 
@@ -60,7 +61,7 @@ def median(t_s: Floats, values: Floats, step_s: float) -> Number | None:
         return None
     medians = np.array([np.median(part) for part in parts])
     middle = float(np.median(medians))
-    scatter = _TO_SIGMA * float(np.median(np.abs(medians - middle)))
+    scatter = TO_SIGMA * float(np.median(np.abs(medians - middle)))
     scatter = max(scatter, 0.1 * float(np.std(medians)))  # most blocks may be alike to the last bit
     # the median of n normal numbers scatters by √(π/2n)
     return Number(middle, scatter * sqrt(np.pi / 2 / len(parts)), len(values) * step_s)
@@ -87,7 +88,7 @@ class Fit:
         return Number(float(self.values[k]), float(self.sigmas[k]), self.seconds)
 
 
-def fit(t_s: Floats, columns: list[Floats], y: Floats, step_s: float) -> Fit | None:
+def fit(t_s: Floats, columns: list[Floats], y: Floats, step_s: float, block_s: float = BLOCK_S) -> Fit | None:
     """Return the Huber regression of y ``[n]`` on columns ``[k][n]``; None where they cannot be told apart.
 
     Standard errors are those of the sandwich estimator with the blocks as clusters (Liang and Zeger 1986).
@@ -107,10 +108,10 @@ def fit(t_s: Floats, columns: list[Floats], y: Floats, step_s: float) -> Fit | N
         if rank < len(columns):
             return None
         rest = y - x @ found
-        limit = _HUBER * (_TO_SIGMA * float(np.median(np.abs(rest))) + 1e-12)
+        limit = _HUBER * (TO_SIGMA * float(np.median(np.abs(rest))) + 1e-12)
         weights = np.minimum(1.0, limit / np.maximum(np.abs(rest), 1e-300))
     inverse = np.linalg.inv((x * weights[:, None]).T @ x)
-    _, block = np.unique(np.floor(t_s / BLOCK_S), return_inverse=True)
+    _, block = np.unique(np.floor(t_s / block_s), return_inverse=True)
     blocks = int(block.max()) + 1
     if blocks < FEWEST_BLOCKS + len(columns):
         return None
@@ -119,3 +120,40 @@ def fit(t_s: Floats, columns: list[Floats], y: Floats, step_s: float) -> Fit | N
     covariance = inverse @ (scores.T @ scores) @ inverse * blocks / (blocks - len(columns))
     sigmas = np.sqrt(np.diag(covariance))
     return Fit(found / scale, sigmas / scale, float(np.std(rest)), len(y) * step_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """k of y ≈ k · x, where both have errors.
+
+    Attributes:
+        number: k; its sigma is infinite where the two regressions disagree even in its sign.
+        least: k by the regression of y on x: errors of x make it too small.
+        correlation: of what is left of both by the other columns.
+    """
+
+    number: Number
+    least: Number
+    correlation: float
+
+
+def slope(
+    t_s: Floats, x: Floats, y: Floats, others: list[Floats], step_s: float, block_s: float = BLOCK_S
+) -> Slope | None:
+    """Return the slope of y ``[n]`` over x ``[n]``, beside other columns; None where there is none to be told.
+
+    The regression of y on x finds it too small, since x has errors; that of x on y finds it too large, since y has
+    more in it than x. The truth is between both.
+    """
+    there = fit(t_s, [x, *others], y, step_s, block_s)
+    back = fit(t_s, [y, *others], x, step_s, block_s)
+    if there is None or back is None:
+        return None
+    least, inverse = there.number(0), float(back.values[0])
+    if least.value * inverse <= 0.0:
+        return Slope(Number(0.0, inf, least.seconds), least, 0.0)
+    most = 1.0 / inverse
+    middle = float(np.copysign(sqrt(least.value * most), least.value))
+    spread = abs(most - least.value) / sqrt(12.0)  # evenly distributed between both
+    number = Number(middle, sqrt(least.sigma**2 + spread**2), least.seconds)
+    return Slope(number, least, float(np.copysign(min(sqrt(least.value * inverse), 1.0), least.value)))

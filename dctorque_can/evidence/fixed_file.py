@@ -57,10 +57,12 @@ def write_fixed(config: Config, findings: Sequence[Finding], path: Path, force: 
             continue
         if not finding.fix:
             left.append(finding)
-        for key, value in finding.fix:
+        reasons = [(key, value, f"check --log {_reason(finding, key)}") for key, value in finding.fix]
+        reasons += [(key, value, f"grows with {finding.key}, all are relative") for key, value in finding.also]
+        for key, value, reason in reasons:
             was = old_value(text, key)
-            comment = f"{'was ' + was if was else 'added'}: check --log {_reason(finding, key)}"
-            changes.setdefault(key, Edit(key, value, textwrap.shorten(comment, _LONGEST, placeholder=" …")))
+            comment = textwrap.shorten(f"{'was ' + was if was else 'added'}: {reason}", _LONGEST, placeholder=" …")
+            changes.setdefault(key, Edit(key, value, comment))
     try:
         path.write_text(edited(text, [*changes.values(), *_moved_paths(config, path)]), encoding="utf-8")
     except OSError as error:

@@ -17,6 +17,7 @@ from dctorque_can.evidence.delay_verdicts import late_signals
 from dctorque_can.evidence.draft import Draft
 from dctorque_can.evidence.findings import Finding
 from dctorque_can.evidence.moments import WHEELS, Moments, moments
+from dctorque_can.evidence.motion_verdicts import accelerations, brakes, brakes_untold, grades, told_direction
 from dctorque_can.evidence.series import decoded
 from dctorque_can.evidence.speed_verdicts import driven_axle, exchanged_shafts, scales, signs, units
 from dctorque_can.evidence.torque_verdicts import offset, scale
@@ -25,6 +26,7 @@ from dctorque_can.pipeline.samples import Quantity
 
 _STEPS: tuple[Callable[[Moments, Draft], list[Finding]], ...] = (
     signs,
+    brakes,
     exchanged_shafts,
     driven_axle,
     units,
@@ -32,6 +34,10 @@ _STEPS: tuple[Callable[[Moments, Draft], list[Finding]], ...] = (
     directions,
     offset,
     scale,
+    told_direction,
+    brakes_untold,
+    accelerations,
+    grades,
     kissing_points,
     late_signals,
 )
@@ -82,6 +88,6 @@ def _corrected(draft: Draft, finding: Finding) -> tuple[Draft, Finding]:
     if not finding.fix:
         return draft, finding
     try:
-        return draft.corrected(finding.fix), finding
+        return draft.corrected([*finding.fix, *finding.also]), finding
     except ConfigError:
-        return draft, replace(finding, fix=())
+        return draft, replace(finding, fix=(), also=())

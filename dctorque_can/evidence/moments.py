@@ -44,6 +44,14 @@ def rate(values: Floats, sigma_s: float = SMOOTH_S) -> Floats:
     return np.asarray(gaussian_filter1d(values, sigma_s / STEP_S, order=1, truncate=3.0) / STEP_S, np.float64)
 
 
+def change(values: Floats, half_s: float) -> Floats:
+    """Return by how much values ``[n]`` change from ``half_s`` before to as much after; NaN at the ends."""
+    n = round(half_s / STEP_S)
+    found = np.full(len(values), np.nan)
+    found[n:-n] = values[2 * n :] - values[: -2 * n]
+    return found
+
+
 def lasting(mask: Mask, before_s: float, after_s: float = 0.0) -> Mask:
     """Return where a mask ``[n]`` has held for a time and will hold for another one."""
     missing = np.cumsum(np.concatenate([[0], ~mask]))

@@ -174,17 +174,6 @@ def read_frames(
     return frames
 
 
-def read_series(
-    logs: Sequence[LogReader], config: Config, progress: Callable[[float], None] = lambda fraction: None
-) -> Series:
-    """Return what ``logs``, one after another, say of each quantity that ``config`` maps.
-
-    Raises:
-        DctorqueError: a log cannot be read.
-    """
-    return decoded(read_frames(logs, config, progress), config)
-
-
 def decoded(frames: Iterable[Frames], config: Config, any_value: bool = False) -> Series:
     """Return what frames say of each quantity that ``config`` maps.
 

@@ -52,7 +52,8 @@ def signs(m: Moments, draft: Draft) -> list[Finding]:
     for quantity in backwards(m):
         key = draft.key_of(quantity)
         text = "negative while the car is driven forwards: its sign is reversed"
-        found.append(Finding("error", key, text, -1.0, None, draft.scaled(quantity, -1.0), _RATIOS))
+        picture = _sign_picture(m, quantity)
+        found.append(Finding("error", key, text, -1.0, None, draft.scaled(quantity, -1.0), _RATIOS, picture))
     return found
 
 
@@ -246,6 +247,12 @@ def _too(factor: Number) -> str:
 
 def _larger(factor: Number) -> Number:
     return factor if factor.value > 1.0 else Number(1.0 / factor.value, factor.sigma / factor.value**2, 0.0)
+
+
+def _sign_picture(m: Moments, quantity: Quantity) -> Picture:
+    """Return a speed over the time."""
+    labels = ("time, s", f"{NAMES[quantity]} as told, rad/s")
+    return against(labels, thinned(m.t_s, m.speed(quantity)), {"the file: forwards is above": lambda t: 0.0 * t})
 
 
 def _scale_picture(m: Moments, quantity: Quantity, factor: Number) -> Picture:

@@ -112,12 +112,13 @@ def unit_of_wheels(m: Moments) -> float | None:
 
 
 def backwards(m: Moments) -> list[Quantity]:
-    """Return the speeds that are negative while the car is driven forwards: nearly always, that is."""
+    """Return the speeds that are negative while the car is driven forwards: nearly always, but for reverse."""
+    reverse = (m.gear == -1).any(axis=0)
     found = []
     for quantity in NAMES:
         if m.has(quantity):
             value = m.speed(quantity)
-            moving = np.isfinite(value) & (np.abs(value) > 5.0)
+            moving = np.isfinite(value) & (np.abs(value) > 5.0) & ~reverse
             if np.count_nonzero(moving) * STEP_S > LEAST_S and np.mean(value[moving] < 0.0) > 0.8:
                 found.append(quantity)
     return found

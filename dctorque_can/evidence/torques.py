@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.evidence.fits import Number, fit, median
-from dctorque_can.evidence.moments import RUNS_RAD_S, SHAFTS, STEP_S, Mask, Moments, lasting, rate, smooth
+from dctorque_can.evidence.moments import RUNS_RAD_S, SHAFTS, STEP_S, Mask, Moments, change, lasting, rate, smooth
 from dctorque_can.evidence.series import UNKNOWN_GEAR, Floats
 
 SPAN_S = 0.4
@@ -104,12 +104,12 @@ def factors(m: Moments) -> Factors | None:
     n = round(SPAN_S / STEP_S)
     where = np.zeros(len(m.t_s), np.bool_)
     where[n:-n] = (changes[2 * n :] == changes[: -2 * n]) & (state[n:-n] > 0.0)
-    y, x_1, x_2 = (_difference(each, n) for each in (torque, alone, car))
+    y, x_1, x_2 = (change(each, SPAN_S) for each in (torque, alone, car))
     where &= np.isfinite(y + x_1 + x_2)
     if np.count_nonzero(where & (ratio > 0.0)) * STEP_S < LEAST_S:
         return None
     locked = m.locked[np.maximum(has, 0), row] & (has >= 0)
-    moves = np.abs(_difference(engine, n)) > APART_RAD_S2
+    moves = np.abs(change(engine, SPAN_S)) > APART_RAD_S2
     apart = bool(np.count_nonzero(where & ~locked & moves) * STEP_S >= APART_S)
     t_s, y, x_1, x_2 = m.t_s[where], y[where], x_1[where], x_2[where]
     found = fit(t_s, [x_1, x_2], y, STEP_S) if apart else None
@@ -170,10 +170,3 @@ def overrun_torque(m: Moments) -> Number | None:
         return None
     least = np.sort(torque[where])[: round(OVERRUN_S / STEP_S)]
     return Number(float(np.median(least)), float(np.std(least)), OVERRUN_S)
-
-
-def _difference(values: Floats, n: int) -> Floats:
-    """Return what values change by from n moments before to n moments after."""
-    found = np.full(len(values), np.nan)
-    found[n:-n] = values[2 * n :] - values[: -2 * n]
-    return found

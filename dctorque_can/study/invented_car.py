@@ -17,6 +17,8 @@ from dctorque_can.config.vehicle_class import SHARES
 from dctorque_can.resources import shipped_class, shipped_classes
 from dctorque_can.study.invented_bus import Coding, InventedBus
 
+_DIRECTIONS = ("forward", "backward", "standstill", "unknown")
+_TELLS_SHARE = 0.75  # of cars, for each of the inputs that some tell
 _RATIO_SHARE = 0.04  # of each gear, around that of the class
 _MOST_LATE_MS = {"ECM": 10.0, "TCU": 10.0, "ESC": 30.0}
 _SPEEDS = tuple(
@@ -30,6 +32,12 @@ _WHEELS = (
     Coding(16, 0.01, 0.0, "km/h", signed=True),
     Coding(14, 0.01, 0.0, "m/s"),
 )
+_ACCELERATIONS = (
+    Coding(12, 0.01, -20.48, "m/s2"),
+    Coding(10, 0.05, -25.6, "m/s2"),
+    Coding(12, 0.001, -2.048, "g"),
+)
+_GRADES = (Coding(10, 0.1, -51.2, "%"), Coding(8, 0.5, -64.0, "%"), Coding(10, 0.05, -25.6, "deg"))
 _POSITIONS = (("mm", 0.01, 12.0), ("%", 0.05, 100.0), ("bar", 0.01, 12.0))  # unit, factor, fully closed
 
 
@@ -54,12 +62,13 @@ class InventedCar:
         return {"car.yaml": text.encode(), "car.dbc": self.dbc}
 
 
-def invent_car(seed: int, class_name: str | None = None) -> InventedCar:
+def invent_car(seed: int, class_name: str | None = None, tells_motion: bool = False) -> InventedCar:
     """Return the car of a seed.
 
     Args:
         seed: draws all.
         class_name: class of cars; None draws it too.
+        tells_motion: whether its bus may also tell acceleration, grade and direction; all else is the same.
 
     Raises:
         DctorqueError: there is no such class.
@@ -74,7 +83,10 @@ def invent_car(seed: int, class_name: str | None = None) -> InventedCar:
     for clutch in vehicle["clutches"].values():
         clutch["friction_static"] = max(clutch["friction_static"], clutch["friction_kinetic"])
     bus = InventedBus(random)
-    sections = _Reading(bus, random, vehicle).sections()
+    reading = _Reading(bus, random, vehicle)
+    sections = reading.sections()
+    if tells_motion:
+        sections["inputs"] |= reading.motion()
     file = {"name": f"invented car {seed}", "vehicle": vehicle, "databases": [{"file": "car.dbc"}], **sections}
     protections = bus.protections()
     if protections:
@@ -122,6 +134,19 @@ class _Reading:
         if self._random.random() < 0.8:
             inputs["brake"] = {"signal": self._bus.add("ESC", "brake", self._brake()), "timeout_ms": 200}
         return {"inputs": inputs, "gears": self._gear_section(), "clutch_phase": self._clutches()}
+
+    def motion(self) -> dict[str, Any]:
+        """Return the inputs acceleration, grade and direction, each of which most cars tell."""
+        inputs: dict[str, Any] = {}
+        late = {"timeout_ms": 200, **self._late("ESC")}
+        for name, codings in (("acceleration", _ACCELERATIONS), ("grade", _GRADES)):
+            if self._random.random() < _TELLS_SHARE:
+                inputs[name] = {"signal": self._bus.add("ESC", name, self._one_of(codings)), **late}
+        if self._random.random() < _TELLS_SHARE:
+            values = dict(enumerate(self._random.permutation(_DIRECTIONS).tolist()))
+            signal = self._bus.add("ESC", "direction", Coding(2, 1))
+            inputs["direction"] = {"signal": signal, "values": values, "measured": True, **late}
+        return inputs
 
     def _one_of(self, choices: Any) -> Any:
         return choices[int(self._random.integers(len(choices)))]

@@ -77,6 +77,7 @@ def test_replay_tells_and_logs_it(dctorque, log: Path, tmp_path: Path) -> None:
 def test_what_is_wrong_is_one_line(dctorque, log: Path, tmp_path: Path) -> None:
     for arguments, told in (
         (("--set", "estimator.method=oh2014"), "set estimator.method: kalman"),
+        (("--set", "clutch_phase={source: none}"), "clutch_phase.source = none: clutch_map needs the position"),
         (("--set", "clutch_map.least_samples=0"), "clutch_map.least_samples"),
         (("--set", "clutch_map.ids.DctClutchMapp=1"), "did you mean DctClutchMap"),
     ):
@@ -84,6 +85,7 @@ def test_what_is_wrong_is_one_line(dctorque, log: Path, tmp_path: Path) -> None:
         assert outcome.code == 1, arguments
         assert told in outcome.err
         assert "Traceback" not in outcome.err
+        assert "clutch_map.enabled" not in outcome.err  # which nobody gave
     assert dctorque("clutch-map", log, "--plot", tmp_path / "maps.txt").code == 2
 
 

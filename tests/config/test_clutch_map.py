@@ -38,8 +38,8 @@ def test_a_command_where_no_position_is_told(load) -> None:
 @pytest.mark.parametrize(
     ("changes", "key", "reason"),
     [
-        ({"estimator.method": "oh2014"}, "clutch_map.enabled", "set estimator.method: kalman"),
-        ({"clutch_phase": {"source": "none"}}, "clutch_map.enabled", "needs the position of a clutch"),
+        ({"estimator.method": "oh2014"}, "estimator.method", "set estimator.method: kalman"),
+        ({"clutch_phase": {"source": "none"}}, "clutch_phase.source", "needs the position, pressure or command"),
         (
             {
                 "clutch_map.use_as_command": True,

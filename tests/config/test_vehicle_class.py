@@ -40,7 +40,7 @@ def test_ratios_and_a_class_are_a_car(name: str, tmp_path: Path) -> None:
     assert vehicle.chassis.mass_kg == own["chassis"]["mass_kg"]
     assert vehicle.gear(3).ratio == own["gears"][3]["ratio"] * 1.01
     assert vehicle.gear(3).inertia_kgm2 == own["gears"][3]["inertia_kgm2"]
-    assert "vehicle.chassis.mass_kg" in config.of_class
+    assert config.of_class["vehicle.chassis.mass_kg"] == own["chassis"]["mass_kg"]
     assert config.sigmas["vehicle.chassis.mass_kg"] == pytest.approx(0.15 * own["chassis"]["mass_kg"])
     assert all(config.sigmas[key] > 0 or config_value(own, key) in (0, 2, 8, 10) for key in config.of_class)
 

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
 
 from dctorque_can.clutch_maps.maps import ClutchMaps
+from dctorque_can.config import vehicle_class
 from dctorque_can.config.load import Config, load_config
 from dctorque_can.daemon.kept_maps import KeptMaps, begun, identity, packed, state_name, state_of
-from dctorque_can.resources import shipped_config
+from dctorque_can.resources import shipped_class, shipped_config
 
 ENABLED = {"clutch_map.enabled": "true"}
 
@@ -108,6 +110,31 @@ def test_only_what_is_learned_from_makes_another_car() -> None:
     other = load_config(path, ENABLED | {"clutch_phase.clutch1.kissing_point": "3.2"})
     assert identity(same) == plain
     assert identity(other)["vehicle_file"] != plain["vehicle_file"]
+
+
+def test_other_numbers_of_its_class_make_another_car(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As far as the vehicle file has them from there: what it says itself stays."""
+    path = shipped_config("paper_car")
+    text = path.read_text().replace("../dbc", str(path.parent.parent / "dbc"))
+    owned = yaml.safe_load(text)
+    del owned["vehicle"]["chassis"]["drag_coefficient"], owned["vehicle"]["clutches"]
+    owned["vehicle"]["class"] = "compact_dct7_dry"
+    file = tmp_path / "car.yaml"
+    file.write_text(yaml.safe_dump(owned))
+
+    def with_class(old: str, new: str) -> dict:
+        content = shipped_class("compact_dct7_dry").read_text()
+        assert old in content
+        other = tmp_path / "class.yaml"
+        other.write_text(content.replace(old, new))
+        with monkeypatch.context() as patch:
+            patch.setattr(vehicle_class, "shipped_class", lambda name: other)
+            return identity(load_config(file, ENABLED))
+
+    plain = identity(load_config(file, ENABLED))
+    assert with_class("mass_kg: 1400", "mass_kg: 1400.0001") == plain
+    assert with_class("friction_kinetic: 0.3", "friction_kinetic: 0.31") != plain
+    assert with_class("drag_coefficient: 0.31", "drag_coefficient: 0.3") != plain
 
 
 def test_the_state_travels_with_a_log(car: Config) -> None:

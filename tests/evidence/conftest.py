@@ -1,4 +1,4 @@
-"""Two cars in traffic, one of them with a bus of its own, and the mistakes of any vehicle file."""
+"""Cars in traffic, two of them with a bus of their own, and the mistakes of any vehicle file."""
 
 import importlib
 from pathlib import Path
@@ -27,6 +27,7 @@ def cars(tools):
     configs = {
         "avante": load_config(shipped_config("avante_dct7")),
         "invented": load_documents(invent_car(2).documents),
+        "telling": load_documents(invent_car(3, tells_motion=True).documents),
     }
     drive = tools["wrong_files"].drive_in_traffic
     return {name: (config, drive(config, 5, SECONDS)) for name, config in configs.items()}

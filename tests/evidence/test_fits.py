@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dctorque_can.evidence.fits import BLOCK_S, Number, fit, median
+from dctorque_can.evidence.fits import BLOCK_S, Number, fit, median, slope
 
 STEP_S = 0.01
 T_S = np.arange(0.0, 120.0, STEP_S)
@@ -40,6 +40,22 @@ def test_sigma_is_that_of_repeated_recordings(what):
     values, sigmas = np.array(numbers).T
     assert values.mean() == pytest.approx(5.0, abs=0.05)
     assert np.median(sigmas) == pytest.approx(values.std(), rel=0.25)
+
+
+def test_a_slope_between_two_signals_with_errors():
+    """Both regressions are off by a fifth of the variance, one to either side; the truth is between them."""
+    random = np.random.default_rng(4)
+    true = lasting_noise(random, 1.0)
+    x, y = (k * true + random.normal(0.0, 0.5 * k, len(T_S)) for k in (1.0, 3.0))
+    found = slope(T_S, x, y, [np.ones(len(T_S))], STEP_S)
+    assert found.least.value == pytest.approx(3.0 / 1.25, rel=0.03)
+    assert found.number.value == pytest.approx(3.0, rel=0.02)
+    assert found.number.sigma > abs(3.0 * 1.25 - 3.0 / 1.25) / 4.0
+    assert found.correlation == pytest.approx(0.8, abs=0.02)
+    assert slope(T_S, x, -y, [], STEP_S).correlation == pytest.approx(-0.8, abs=0.02)
+    other = slope(T_S, lasting_noise(random, 1.0), true, [], STEP_S)
+    assert abs(other.correlation) < 0.3
+    assert other.number.sigma > abs(other.number.value)
 
 
 def test_too_little():

@@ -8,6 +8,7 @@ from dctorque_can.config.load import load_config
 from dctorque_can.errors import DctorqueError
 from dctorque_can.evidence.findings import Finding
 from dctorque_can.evidence.fixed_file import write_fixed
+from dctorque_can.pipeline.samples import Quantity
 from dctorque_can.resources import shipped_config
 
 RATIO = Finding("error", "vehicle.gears.2.ratio", "gears.2: …", 2.1, 0.01, (("vehicle.gears.2.ratio", "2.1"),))
@@ -29,6 +30,17 @@ def test_what_is_certain_is_written(tmp_path: Path) -> None:
     assert "# was 2.18: check --log measured 2.100 ± 0.010" in text
     lines = shipped_config("paper_car").read_text().splitlines()
     assert len([line for line in lines if line not in text.splitlines()]) == 2  # the ratio and the path
+
+
+def test_what_changes_with_it_says_so(tmp_path: Path) -> None:
+    config = load_config(shipped_config("paper_car"))
+    key, other = "inputs.engine_speed.delay_ms", "inputs.shaft1_speed.delay_ms"
+    late = Finding("warning", key, "…", 0.0, 0.3, ((key, "0"),), also=((other, "7.5"),))
+    fixed = write_fixed(config, [late], tmp_path / "fixed.yaml")
+    assert [(edit.key, edit.value) for edit in fixed.changes] == [(key, "0"), (other, "7.5")]
+    assert f"grows with {key}, all are relative" in fixed.path.read_text()
+    delays_us = {given.quantity: given.delay_us for given in load_config(fixed.path).inputs}
+    assert delays_us[Quantity.SHAFT1_SPEED] == 7500
 
 
 def test_the_file_itself_and_others_stay(tmp_path: Path) -> None:

@@ -2,18 +2,22 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from dctorque_can.config.load import load_documents
 from dctorque_can.evidence.clutches import kissing_point
 from dctorque_can.evidence.delays import delays
+from dctorque_can.evidence.draft import Draft
 from dctorque_can.evidence.measured import measure
 from dctorque_can.evidence.moments import moments
 from dctorque_can.evidence.series import decoded
 from dctorque_can.evidence.torques import factors, idle_torque, overrun_torque
+from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 from dctorque_can.pipeline.samples import Quantity
 from dctorque_can.simulation.powertrain import DEMO_POWERTRAIN
 from dctorque_can.simulation.sensors import PRODUCTION
+from dctorque_can.study.invented_car import invent_car
 
 OF_THE_FRAME = ("data id", "checksum", "counter modulus", "timeout too short")
 """Told by what the estimator counts (test_findings.py)."""
@@ -21,7 +25,7 @@ BY_THE_MONITOR = ("kissing point of 1: sooner", "kissing point of 1 and 2: soone
 """Told by the monitor too; measured only where launches show it."""
 
 
-@pytest.mark.parametrize("car", ["avante", "invented"])
+@pytest.mark.parametrize("car", ["avante", "invented", "telling"])
 def test_nothing_on_a_right_file(cars, car):
     config, frames = cars[car]
     assert measure([frames], config).findings == []
@@ -122,6 +126,44 @@ def test_delays_are_those_of_the_bus(cars):
         assert abs(difference) < 3e3 * math.hypot(late.late_s.sigma, late.model_s), quantity
 
 
+def test_pictures_show_delays_and_signs(cars):
+    """The points lie on the line of the log: a speed that is 20 ms late lags by 20 ms times its rate."""
+    config, frames = cars["avante"]
+    wrong = {"inputs.engine_speed.delay_ms": "25", "inputs.shaft2_speed.factor": "-1"}
+    found, _ = measure([frames], load_documents(config.documents, wrong))
+    sign, late = (next(each for each in found if key in each.key) for key in ("shaft2", "engine"))
+    assert np.quantile(sign.picture.y, 0.9) <= 0.0
+    name, x, y = late.picture.lines[1]
+    assert name.startswith("the log: 2")
+    slope = np.polyfit(late.picture.x, late.picture.y, 1)[0]
+    assert slope == pytest.approx((y[-1] - y[0]) / (x[-1] - x[0]), rel=0.1)
+    assert slope == pytest.approx(-25e-3, abs=3e-3)
+
+
+def test_a_delay_that_would_be_negative_lets_all_others_grow(cars, tmp_path):
+    """Delays are relative: the engine comes sooner than with none at all, so the others get what it lacks."""
+    config, frames = cars["telling"]
+    told = {given.quantity: 1e-3 * given.delay_us for given in config.inputs}
+    late = told[Quantity.ENGINE_SPEED] + 12.0
+    draft = Draft(config)
+    laid = {}
+    for quantity, right in told.items():
+        sooner = max(right - late, 0.0) if quantity is not Quantity.ENGINE_TORQUE else 0.0
+        laid |= dict(draft.with_key(quantity, "delay_ms", f"{sooner:g}"))
+    found, corrected = measure([frames], load_documents(config.documents, laid))
+    assert {finding.key.split(".")[-1] for finding in found} == {"delay_ms"}
+    assert [finding.key for finding in found if finding.also] == [found[0].key]
+    delays_us = {given.quantity: given.delay_us for given in corrected.config.inputs}
+    assert min(delays_us.values()) == 0
+    for one, other in (
+        (Quantity.SHAFT1_SPEED, Quantity.ENGINE_SPEED),
+        (Quantity.WHEEL_SPEED_FL, Quantity.ENGINE_SPEED),
+    ):
+        between = 1e-3 * (delays_us[one] - delays_us[other])
+        assert between == pytest.approx(told[one] - told[other], abs=3.0)
+    assert measure([frames], corrected.config).findings == []
+
+
 def test_torques_and_kissing_point_are_those_of_the_car(cars):
     config, frames = cars["avante"]
     m = moments(decoded([frames], config))
@@ -133,3 +175,20 @@ def test_torques_and_kissing_point_are_those_of_the_car(cars):
     assert -1.5 * drag < overrun_torque(m).value < -0.7 * drag
     kiss = kissing_point(m, 1, True)
     assert abs(kiss.point.value - DEMO_POWERTRAIN.kissing_point_mm) < 0.4
+
+
+@pytest.mark.parametrize("car", ["invented", "telling"])
+@pytest.mark.parametrize("drive", [DriveName.KICK_DOWN, DriveName.BRAKED_COAST_DOWN, DriveName.SAILING])
+def test_slip_on_a_level_road_is_no_delay(cars, car, drive):
+    """Without hills the acceleration is that of the force: what its slip does looks like a delay of 80 ms."""
+    config, _ = cars[car]
+    frames = simulate_car(config, drive, ProfileName.PRODUCTION, 1, None).frames
+    assert measure([frames], config).findings == []
+
+
+def test_reverse_is_no_reversed_sign():
+    """A drive in nothing but reverse, of a car whose wheels have a sign."""
+    config = load_documents(invent_car(21).documents)
+    frames = simulate_car(config, DriveName.REVERSE, ProfileName.PRODUCTION, 1, None).frames
+    assert np.nanmin(moments(decoded([frames], config)).wheels) < -5.0
+    assert measure([frames], config).findings == []

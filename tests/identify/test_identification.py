@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import load_config
-from dctorque_can.evidence.series import Series, read_series
+from dctorque_can.evidence.series import Series, decoded, read_frames
 from dctorque_can.identify.beliefs import messages, number_of
 from dctorque_can.identify.identification import Solution, solution
 from dctorque_can.identify.identified_file import changes, identified_text
@@ -17,8 +17,9 @@ from tests.identify.conftest import Owned
 
 @pytest.fixture(scope="module")
 def series(owned: Owned) -> Series:
+    config = load_config(owned.owners)
     with open_log(owned.log) as reader:
-        return read_series([reader], load_config(owned.owners))
+        return decoded(read_frames([reader], config), config)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,23 @@ def test_each_one_loads_without_a_warning() -> None:
     for seed in SEEDS:
         config = load_documents(invent_car(seed).documents)
         assert config.warnings == (), seed
-        assert config.of_class == ()
+        assert config.of_class == {}
+
+
+def test_motion_is_told_beside_all_else() -> None:
+    told = set()
+    for seed in SEEDS:
+        plain, telling = (invent_car(seed, tells_motion=more).vehicle_file for more in (False, True))
+        more = set(telling["inputs"]) - set(plain["inputs"])
+        for name in ("vehicle", "gears", "clutch_phase"):
+            assert telling[name] == plain[name]
+        assert {name: telling["inputs"][name] for name in plain["inputs"]} == plain["inputs"]
+        told |= more
+        config = load_documents(invent_car(seed, tells_motion=True).documents)
+        assert {warning.key for warning in config.warnings} <= {
+            "inputs.direction"
+        }  # of a car whose speeds have signs
+    assert told == {"acceleration", "grade", "direction"}
 
 
 def test_cantools_reads_each_dbc_strictly() -> None:
