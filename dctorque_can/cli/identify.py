@@ -25,6 +25,10 @@ class What(StrEnum):
     STIFFNESSES = "stiffnesses"
     CAR = "car"
     LOSSES = "losses"
+    SPIN = "spin"
+    ROAD = "road"
+    KISSING_POINTS = "kissing_points"
+    NOISES = "noises"
 
 
 def identify(

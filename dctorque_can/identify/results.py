@@ -58,13 +58,12 @@ def results(solution: Solution, config: Config) -> list[Result]:
 
 
 def _results(unknown: Unknown, solution: Solution, config: Config) -> list[Result]:
-    """Return the numbers that one unknown stands for; nothing where no equation holds it."""
-    if unknown.name not in solution.posterior.names:
-        return []
-    refused = unknown.name in solution.refused
-    sigma = solution.posterior.of(unknown.name).sigma
-    after = Belief(solution.values[unknown.name], sigma * (solution.values[CAR] if unknown.name == CAR else 1.0))
-    after = replace(after, sigma=min(hypot(after.sigma, _model(unknown, after.value)), unknown.prior.sigma))
+    """Return the numbers that one unknown stands for; as they were where no equation holds it."""
+    refused, after = unknown.name in solution.refused, unknown.prior
+    if unknown.name in solution.posterior.names:
+        sigma = solution.posterior.of(unknown.name).sigma * (solution.values[CAR] if unknown.name == CAR else 1.0)
+        value = solution.values[unknown.name]
+        after = Belief(value, min(hypot(sigma, _model(unknown, value)), unknown.prior.sigma))
 
     def one(key: str, unit: str, before: Belief, now: Belief) -> Result:
         return Result(key, unknown.group, unit, before, now if not refused else before, refused)

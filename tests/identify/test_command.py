@@ -19,10 +19,20 @@ def test_a_drive_and_a_class_make_a_file(dctorque, owned: Owned) -> None:
     assert result["output"] == str(out)
     assert result["before"]["nis"].keys() == result["after"]["nis"].keys()
     assert result["sensitivities"][0]["torques_nm"]
+    assert all(each["seen_s"] < each["needed_s"] and each["keys"] for each in result["missing"])
     assert dctorque("check", out).code == 0
     again = dctorque("identify", owned.owners, *options)
     assert again.code == 1
     assert "exists already" in again.err
+
+
+def test_what_the_drives_lack_is_said(dctorque, owned: Owned) -> None:
+    outcome = dctorque("identify", owned.owners, "--log", owned.log, "--what", "kissing_points")
+    assert outcome.code == 0, outcome.err
+    said = " ".join((outcome.out + outcome.err).split())
+    assert "no launch with clutch 2 in these logs; it tells clutch_phase.clutch2.kissing_point" in said
+    assert "launch with clutch 1" not in said
+    assert "1 numbers changed" in said
 
 
 def test_a_plan_needs_no_recording(dctorque, owned: Owned) -> None:
