@@ -23,6 +23,7 @@ class What(StrEnum):
     RATIOS = "ratios"
     INERTIAS = "inertias"
     STIFFNESSES = "stiffnesses"
+    DAMPINGS = "dampings"
     CAR = "car"
     LOSSES = "losses"
     SPIN = "spin"

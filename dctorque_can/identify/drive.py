@@ -38,6 +38,7 @@ class Guess:
         drag: of both clutches while they are open ``[2]``, N·m·s/rad.
         loss: λ, of gear and final drive.
         car_inertia_kgm2: M.
+        compliance: of damper and output shaft ``[2]``, rad/(N·m).
         lag_s: of the engine behind its nominal torque.
     """
 
@@ -48,6 +49,7 @@ class Guess:
     drag: tuple[float, float]
     loss: float
     car_inertia_kgm2: float
+    compliance: tuple[float, float]
     lag_s: float = 0.0
 
 

@@ -19,9 +19,12 @@ The acceleration of the wheels has the most noise of all terms. So it is what th
 that is believed; the share of that which fits is what is looked for. A noisy term among the others would be found
 too small.
 
-**Damper**, while clutch i is locked:  ω_e − ω_ci = Ṫ_d/k_d.
+**Damper**, while clutch i is locked:  ω_e − ω_ci = (Ṫ_d − τ_d T̈_d)/k_d.
 
-**Output**, while shaft i drives:      ω_ci/R − ω_w = c_g ω_w + Ṫ_o (1/k_o + 1/(k_ti i_f²)).
+**Output**, while shaft i drives:      ω_ci/R − ω_w = c_g ω_w + Ṫ_o (1/k_o + 1/(k_ti i_f²)) − τ_o T̈_o/k_o.
+
+τ = b/k is the time by which a twist follows its torque. A torque that is told late does the same; how late it is,
+the car tells.
 
 **Tyres**:                             ω_w − ω_b = c ω_w + T_o ω_w/(r F).
 
@@ -188,14 +191,20 @@ def damper(drive: Drive) -> list[Equations]:
     m, g, found = drive.m, drive.guess, []
     primary = g.engine_inertia_kgm2 - g.damper_inertia_kgm2
     torque = rate(m.torque, FAST_S) - primary * np.gradient(rate(m.engine, FAST_S), STEP_S)
-    engine = rate(m.engine, FAST_S)
+    engine, later = rate(m.engine, FAST_S), g.compliance[0] * np.gradient(rate(m.torque, FAST_S), STEP_S)
+    twist = {
+        "damper_compliance": torque,
+        "damper_damping_s": -g.compliance[0] * np.gradient(torque, STEP_S),
+        "lag_s": -later,
+    }
     for i in range(2):
         if not m.has(SHAFTS[i]):
             continue
         where = drive.steady(FAST_S) & (drive.has == i) & lasting(m.locked[i], 0.2, 0.2)
         late = drive.late([SHAFTS[i]], engine), drive.late([Quantity.ENGINE_SPEED], -engine)
         y = smooth(m.engine - np.nan_to_num(m.shaft[i]), FAST_S)
-        found.append(_at(m, "damper", where, 0.04, y, _sum({"damper_compliance": torque}, *late)))
+        columns = _sum(twist, drive.late([Quantity.ENGINE_TORQUE], later), *late)
+        found.append(_at(m, "damper", where, 0.04, y, columns))
     return found
 
 
@@ -206,6 +215,8 @@ def output(drive: Drive) -> list[Equations]:
         return []
     twist = np.gradient(np.nan_to_num(drive.output_torque(FAST_S)), STEP_S)
     speed, acceleration = smooth(m.wheels, FAST_S), rate(m.wheels, FAST_S)
+    compliance = drive.guess.compliance[1]
+    later = compliance * drive.ratio * np.gradient(rate(m.torque, FAST_S), STEP_S)
     driven = [each for each in WHEELS if m.has(each) and (each in WHEELS[:2]) in m.driven_fronts]
     for i in range(2):
         for gear in m.vehicle.gears_on(i + 1) if m.has(SHAFTS[i]) else ():
@@ -219,7 +230,10 @@ def output(drive: Drive) -> list[Equations]:
                     "radius": -speed,
                     "output_compliance": twist,
                     f"transfer{i + 1}_compliance": twist / gear.final_drive**2,
+                    "output_damping_s": -compliance * np.gradient(twist, STEP_S),
+                    "lag_s": -later,
                 },
+                drive.late([Quantity.ENGINE_TORQUE], later),
                 drive.late(driven, acceleration),
                 drive.late([SHAFTS[i]], -acceleration),
             )

@@ -117,6 +117,7 @@ def _manoeuvres(drive: Drive, config: Config) -> Iterator[tuple[Manoeuvre, Mask]
     yield Manoeuvre("full throttle in the low gears or kick-down", keys, 20.0), turns_up
     tips = rolls & (torque_rate > _TIP_NM_PER_S)
     keys = ("vehicle.damper.stiffness_nm_per_rad", "vehicle.output_shaft.stiffness_nm_per_rad")
+    keys += tuple(f"{each}.damping_nms_per_rad" for each in ("vehicle.damper", "vehicle.output_shaft"))
     yield Manoeuvre("tip-in or tip-out", keys, 5.0), tips & (m.locked[0] | m.locked[1])
     for n in (1, 2):
         own, shaft = drive.has == n - 1, f"vehicle.shafts.{n}"

@@ -20,11 +20,13 @@ from dctorque_can.identify.beliefs import (
 from dctorque_can.identify.drive import Guess
 from dctorque_can.identify.regression import Belief, Posterior
 
-EQUATIONS = ("delays", "ratios", "inertias", "stiffnesses", "car", "losses")
+EQUATIONS = ("delays", "ratios", "inertias", "stiffnesses", "dampings", "car", "losses")
 """Groups of numbers that all equations of motion together are solved for."""
 GROUPS = (*EQUATIONS, "spin", "road", "kissing_points", "noises")
 """What can be chosen to be identified."""
 CAR, GAIN = "car_share", "gain"
+DAMPINGS = {"damper_damping_s": "vehicle.damper", "output_damping_s": "vehicle.output_shaft"}
+"""Damping over stiffness, and of what."""
 _LATE = "late "
 _SURE = 1e-4  # of a belief: of a number that is taken to be right
 SMALLEST = 0.2
@@ -78,6 +80,8 @@ def unknowns(config: Config, messages: Sequence[Message], groups: Sequence[str])
     for shaft in (1, 2):
         key = f"vehicle.shafts.{shaft}.transfer_stiffness_nm_per_rad"
         found.append(_compliance(config, f"transfer{shaft}_compliance", key))
+    for name, key in DAMPINGS.items():
+        found.append(Unknown(name, "dampings", _damping(config, key), corrects=False))
     found.append(Unknown(CAR, "car", car_belief(config)))
     gears, final = belief(config, "vehicle.gear_efficiency"), belief(config, "vehicle.final_drive_efficiency")
     loss = Belief(1.0 - gears.value * final.value, hypot(gears.sigma, final.sigma))
@@ -144,6 +148,16 @@ def _compliance(config: Config, name: str, key: str) -> Unknown:
     return Unknown(name, "stiffnesses", Belief(1.0 / stiffness.value, sigma), corrects=False)
 
 
+def _damping(config: Config, key: str) -> Belief:
+    """Return what is believed of the time by which a twist follows its torque: damping over stiffness, s."""
+    damping, stiffness = (
+        belief(config, f"{key}.damping_nms_per_rad"),
+        belief(config, f"{key}.stiffness_nm_per_rad"),
+    )
+    sigma = hypot(damping.sigma, damping.value * stiffness.sigma / stiffness.value)
+    return Belief(damping.value / stiffness.value, max(sigma / stiffness.value, 1e-12))
+
+
 def first_values(config: Config, known: Sequence[Unknown], messages: Sequence[Message]) -> dict[str, float]:
     """Return the values that equations are first set up with: those of the file."""
     told = {late_name(each): each.told_ms / 1000.0 for each in messages}
@@ -173,7 +187,7 @@ def corrected(known: Sequence[Unknown], values: Mapping[str, float], found: Post
             result[CAR] = values[CAR] / max(1.0 + change, SMALLEST)
         else:
             result[each.name] = values[each.name] + change if each.corrects else change
-        if each.group in ("inertias", "stiffnesses", "car"):
+        if each.group in ("inertias", "stiffnesses", "dampings", "car"):
             result[each.name] = max(result[each.name], SMALLEST * each.prior.value)
     result["lag_s"] = max(result["lag_s"], 0.0)
     late = [each.name for each in known if each.name.startswith(_LATE)]
@@ -198,6 +212,7 @@ def guess_of(config: Config, values: Mapping[str, float]) -> Guess:
         drag=(vehicle.clutches[0].drag_nms_per_rad, vehicle.clutches[1].drag_nms_per_rad),
         loss=values["loss"],
         car_inertia_kgm2=values[CAR],
+        compliance=(values["damper_compliance"], values["output_compliance"]),
         lag_s=values["lag_s"],
     )
 

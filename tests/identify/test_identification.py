@@ -51,6 +51,7 @@ def test_together_delays_are_as_unsure_as_they_were_believed(solved: Solution) -
         ("vehicle.engine_inertia_kgm2", 0.2),
         ("vehicle.damper.stiffness_nm_per_rad", 0.15),
         ("vehicle.output_shaft.stiffness_nm_per_rad", 0.1),
+        ("vehicle.output_shaft.damping_nms_per_rad", 0.4),
         ("vehicle.chassis.wheel_radius_m", 0.005),
     ],
 )
