@@ -59,7 +59,7 @@ class Missing:
             there = f"no {self.name} in these logs"
         else:
             there = f"only {self.seen_s:.1f} s of {self.name} in these logs, {self.needed_s:g} s would do"
-        return f"{there}; it tells {', '.join(self.keys)}"
+        return f"{there}; it would tell {', '.join(self.keys)}"
 
 
 def missing(

@@ -25,7 +25,7 @@ def test_a_launch_with_clutch_2_is_missing(owned_drive: Moments, owned_truth: Co
     )
     (only,) = lacks
     assert str(only).startswith(
-        "no launch with clutch 2 in these logs; it tells clutch_phase.clutch2.kissing_point"
+        "no launch with clutch 2 in these logs; it would tell clutch_phase.clutch2.kissing_point"
     )
     assert unclear == []
 
@@ -52,5 +52,5 @@ def test_what_is_known_lacks_nothing(owned_drive: Moments, owned_truth: Config) 
 
 def test_seconds_are_told() -> None:
     assert str(Missing("steady driving in gear 2", 1.24, 10.0, ("a", "b"))) == (
-        "only 1.2 s of steady driving in gear 2 in these logs, 10 s would do; it tells a, b"
+        "only 1.2 s of steady driving in gear 2 in these logs, 10 s would do; it would tell a, b"
     )

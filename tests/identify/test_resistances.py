@@ -1,10 +1,12 @@
 """Spin losses, drag of open clutches and the load of the road, against closed forms and a simulated drive."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.evidence.moments import Moments, moments
+from dctorque_can.evidence.moments import SHAFTS, Moments, moments
 from dctorque_can.evidence.series import Series, Signal
 from dctorque_can.identify.drive import rate
 from dctorque_can.identify.resistances import SLOPE, drives, road_load, spin_losses
@@ -79,6 +81,14 @@ def test_a_shaft_that_is_never_free_tells_nothing(config: Config) -> None:
     key = "vehicle.shafts.2.spin_loss_nm"
     assert found[key].after == found[key].before
     assert not found[key].changes
+
+
+def test_without_shaft_speeds_nothing_is_told(config: Config) -> None:
+    m = coasting(config, 4)
+    signals = {quantity: signal for quantity, signal in m.series.signals.items() if quantity not in SHAFTS}
+    recordings = drives([moments(replace(m.series, signals=signals))], config)
+    for each in (*spin_losses(recordings, config), *road_load(recordings, config)):
+        assert not each.changes, each.key
 
 
 def test_hills_leave_rolling_resistance_unsure(owned_drive: Moments, owned_truth: Config) -> None:
