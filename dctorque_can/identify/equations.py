@@ -23,6 +23,8 @@ too small.
 
 **Output**, while shaft i drives:      ω_ci/R − ω_w = c_g ω_w + Ṫ_o (1/k_o + 1/(k_ti i_f²)) − τ_o T̈_o/k_o.
 
+**Wheels** of one axle:                ω_l − ω_r = c ω_b; curves to the left and to the right are alike.
+
 τ = b/k is the time by which a twist follows its torque. A torque that is told late does the same; how late it is,
 the car tells.
 
@@ -73,7 +75,7 @@ class Equations:
     """One kind of equation at several moments.
 
     Attributes:
-        name: car, damper, output, tyres, free shaft or road.
+        name: car, damper, output, tyres, wheels, free shaft or road.
         t_s: times ``[n]``, s.
         y: known side ``[n]``.
         columns: by the name of what is not known, what it is multiplied with ``[n]``.
@@ -260,6 +262,20 @@ def tyres(drive: Drive) -> list[Equations]:
     return [_at(m, "tyres", where, 0.2, smooth(m.wheels - m.body, SLOW_S), columns)]
 
 
+def pairs(drive: Drive) -> list[Equations]:
+    """Return the difference of the wheels of each axle, which tells how late they come against each other."""
+    m, found = drive.m, []
+    speed, acceleration = smooth(m.body, SLOW_S), rate(m.body, SLOW_S)
+    for name, (left, right) in (("front", WHEELS[:2]), ("rear", WHEELS[2:])):
+        if m.has(left, right) and drive.message[left] != drive.message[right]:
+            columns = _sum(
+                {f"{name}_wheels": speed}, drive.late([left], -acceleration), drive.late([right], acceleration)
+            )
+            y = smooth(m.speed(left) - m.speed(right), SLOW_S)
+            found.append(_at(m, "wheels", speed > _ROLLS, 0.2, y, columns))
+    return found
+
+
 def free_shafts(drive: Drive) -> list[Equations]:
     """Return what slows down or drags along each input shaft that is out of gear, with its clutch open."""
     m, g, found = drive.m, drive.guess, []
@@ -313,6 +329,11 @@ def road(drive: Drive, name: str) -> Equations:
         "output_spin_nms_per_rad": wheels,
     }
     return _at(m, "road", where, 1.0, y, columns, block_s=HILL_S)
+
+
+def equations(drive: Drive) -> list[Equations]:
+    """Return all that are solved together."""
+    return [car(drive), *damper(drive), *output(drive), *tyres(drive), *pairs(drive)]
 
 
 def _at(

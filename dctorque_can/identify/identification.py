@@ -90,8 +90,7 @@ def solution(
         fitted, held = [], []
         for series in recordings:
             drive = Drive.of(moments(seen_by(series, seen)), guess_of(config, values), names)
-            each = [motion.car(drive), *motion.damper(drive), *motion.output(drive), *motion.tyres(drive)]
-            for equation in each:
+            for equation in motion.equations(drive):
                 first, second = split(equation)
                 fitted.append(first)
                 held.append(second)

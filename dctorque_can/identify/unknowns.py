@@ -89,6 +89,7 @@ def unknowns(config: Config, messages: Sequence[Message], groups: Sequence[str])
     found.append(Unknown(GAIN, "", Belief(0.0, sure(gain_belief(config))), corrects=False))
     found.append(Unknown("air_m2", "", Belief(0.0, air_belief(config).sigma), corrects=False))
     found.append(Unknown("axles", "", Belief(0.0, 0.02), corrects=False))
+    found += [Unknown(f"{name}_wheels", "", Belief(0.0, 0.02), corrects=False) for name in ("front", "rear")]
     found.append(Unknown("slip_per_nm", "", Belief(0.0, 1e-3), corrects=False))
     found.append(Unknown("tyre_lag_s", "", Belief(0.0, 3e-3), corrects=False))
     return [
