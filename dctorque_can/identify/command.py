@@ -142,7 +142,7 @@ def identify_logs(
         if not series.signals:
             raise DctorqueError(f"{path}: holds no usable value of any mapped signal; is it a log of this car?")
     solved = solution(recordings, config, groups, lambda done: progress(_READ + (_SOLVED - _READ) * done))
-    if not any(fitted for fitted, _ in solved.equations.values()):
+    if not any(fitted for kind, (fitted, _) in solved.equations.items() if kind != "wheels"):
         raise DctorqueError(
             f"{', '.join(map(str, logs))}: no equation of motion holds anywhere: it takes a clutch that is locked "
             "for a second while the car rolls; `check --log` says what is wrong with the signals"
@@ -155,8 +155,10 @@ def identify_logs(
     before_judged, after_judged = judged(rest, config), judged(rest, _with(config, found))
     if "noises" in groups:
         noises = noise_results(after_judged)
-        found += without_help(noises, after_judged, judged(rest, _with(config, [*found, *noises])))
-        after_judged = judged(rest, _with(config, found))
+        if any(each.changes for each in noises):
+            noises = without_help(noises, after_judged, judged(rest, _with(config, [*found, *noises])))
+            after_judged = judged(rest, _with(config, [*found, *noises]))
+        found += noises
     edits = changes(config, found)
     lacks, unclear = missing(drives, config, found)
     progress(0.5 * (1.0 + _SOLVED))

@@ -75,3 +75,11 @@ def test_a_short_drive_holds_nothing_out_and_says_so(dctorque, tmp_path) -> None
     assert outcome.code == 0, outcome.err
     assert "nothing was held out" in outcome.out + outcome.err
     assert "nothing written" in outcome.out + outcome.err
+
+
+def test_a_car_that_stands_holds_no_equation(dctorque, tmp_path) -> None:
+    log = tmp_path / "stands.blf"
+    assert dctorque("simulate", "--duration", "1.5", "-o", log).code == 0
+    outcome = dctorque("identify", "paper_car", "--log", log)
+    assert outcome.code == 1
+    assert "no equation of motion holds anywhere" in outcome.err
