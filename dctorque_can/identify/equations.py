@@ -26,7 +26,7 @@ too small.
 **Wheels** of one axle:                ω_l − ω_r = c ω_b; curves to the left and to the right are alike.
 
 τ = b/k is the time by which a twist follows its torque. A torque that is told late does the same; how late it is,
-the car tells.
+the car tells; and the torque of the shaft is that of the engine less its inertia, which is one of the unknowns.
 
 **Tyres**:                             ω_w − ω_b = c ω_w + T_o ω_w/(r F).
 
@@ -219,6 +219,7 @@ def output(drive: Drive) -> list[Equations]:
     speed, acceleration = smooth(m.wheels, FAST_S), rate(m.wheels, FAST_S)
     compliance = drive.guess.compliance[1]
     later = compliance * drive.ratio * np.gradient(rate(m.torque, FAST_S), STEP_S)
+    turning = compliance * drive.ratio * np.gradient(rate(m.engine, FAST_S), STEP_S)
     driven = [each for each in WHEELS if m.has(each) and (each in WHEELS[:2]) in m.driven_fronts]
     for i in range(2):
         for gear in m.vehicle.gears_on(i + 1) if m.has(SHAFTS[i]) else ():
@@ -234,6 +235,7 @@ def output(drive: Drive) -> list[Equations]:
                     f"transfer{i + 1}_compliance": twist / gear.final_drive**2,
                     "output_damping_s": -compliance * np.gradient(twist, STEP_S),
                     "lag_s": -later,
+                    "engine_inertia_kgm2": -turning,
                 },
                 drive.late([Quantity.ENGINE_TORQUE], later),
                 drive.late(driven, acceleration),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -36,7 +37,8 @@ from dctorque_can.identify.unknowns import (
 )
 
 ROUNDS = 5
-_WORSE = 3.0  # logarithm of a likelihood that is less by chance: one of a hundred is less by more
+_WORSE = 3.0  # logarithm of a likelihood: equations that are not quite right make as much of nothing
+_HUNDREDTH = 2.33  # standard deviations of a normal number, beyond which is one of a hundred
 HELD_OUT_S = 60.0
 """One such stretch of a recording is fitted, the next one is held out, and so on."""
 
@@ -116,7 +118,9 @@ def overfits(
 ) -> bool:
     """Return whether a number suits what was fitted and not what was held out.
 
-    The others are the likeliest with and without it.
+    The others are the likeliest with and without it. A number that has moved by z of its standard deviations gains
+    g = z²/2 where it was fitted, and g + √2 z ε elsewhere, with ε drawn anew: one of a hundred is below
+    g − 4.66 √g.
 
     Args:
         name: of the number.
@@ -128,7 +132,7 @@ def overfits(
     fits, holds = (
         log_likelihood(some, after, found) - log_likelihood(some, without, found) for some in (fitted, held)
     )
-    return fits > 0.0 and holds < -_WORSE
+    return fits > 0.0 and holds < -max(_WORSE, 2.0 * _HUNDREDTH * sqrt(fits) - fits)
 
 
 def _concluded(
