@@ -8,7 +8,7 @@ alternate, is never fitted: a number that makes what is fitted likelier and that
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -25,6 +25,7 @@ from dctorque_can.identify.regression import Posterior, log_likelihood, solve
 from dctorque_can.identify.unknowns import (
     GAIN,
     GROUPS,
+    LAG,
     Unknown,
     believed,
     config_of,
@@ -38,6 +39,7 @@ from dctorque_can.identify.unknowns import (
 
 ROUNDS = 5
 _WORSE = 3.0  # logarithm of a likelihood: equations that are not quite right make as much of nothing
+_CLEAR = 2.0  # standard deviations
 _HUNDREDTH = 2.33  # standard deviations of a normal number, beyond which is one of a hundred
 HELD_OUT_S = 60.0
 """One such stretch of a recording is fitted, the next one is held out, and so on."""
@@ -103,8 +105,24 @@ def solution(
     assert found is not None
     found = found.considering(GAIN, gain_belief(config).sigma)
     if "delays" in groups:
+        found = _with_clear_lag(found, looked_for, values)
         found = with_common_delay(found, known, values)
     return _concluded(looked_for, known, values, found, fitted, held)
+
+
+def _with_clear_lag(found: Posterior, looked_for: Sequence[Unknown], values: dict[str, float]) -> Posterior:
+    """Return the posterior with the lag of the engine as it was believed, unless it is clearly another.
+
+    A lag is never negative, so of one that is not there chance makes a positive one; and mostly there is none.
+    """
+    if LAG not in found.names:
+        return found
+    (prior,) = (each.prior for each in looked_for if each.name == LAG)
+    now = found.of(LAG)
+    change = prior.value - values[LAG]
+    if abs(now.value - change) > _CLEAR * now.sigma:
+        return found
+    return replace(found, values=np.array(list(found.given(LAG, change).values())))
 
 
 def split(equation: Equations) -> tuple[Equations, Equations]:

@@ -24,7 +24,7 @@ EQUATIONS = ("delays", "ratios", "inertias", "stiffnesses", "dampings", "car", "
 """Groups of numbers that all equations of motion together are solved for."""
 GROUPS = (*EQUATIONS, "spin", "road", "kissing_points", "noises")
 """What can be chosen to be identified."""
-CAR, GAIN = "car_share", "gain"
+CAR, GAIN, LAG = "car_share", "gain", "lag_s"
 DAMPINGS = {"damper_damping_s": "vehicle.damper", "output_damping_s": "vehicle.output_shaft"}
 """Damping over stiffness, and of what."""
 _LATE = "late "
@@ -63,7 +63,7 @@ def unknowns(config: Config, messages: Sequence[Message], groups: Sequence[str])
         for each in messages
     ]
     lag_s = config.settings.kalman.engine_torque_lag_s
-    found.append(Unknown("lag_s", "delays", Belief(lag_s, config.sigmas.get(LAG_KEY, LAG_MS) / 1000.0)))
+    found.append(Unknown(LAG, "delays", Belief(lag_s, config.sigmas.get(LAG_KEY, LAG_MS) / 1000.0)))
     for gear in vehicle.gears:
         if gear.number > 0:
             ratio = belief(config, gear_key(gear.number, "ratio"))
@@ -190,7 +190,7 @@ def corrected(known: Sequence[Unknown], values: Mapping[str, float], found: Post
             result[each.name] = values[each.name] + change if each.corrects else change
         if each.group in ("inertias", "stiffnesses", "dampings", "car"):
             result[each.name] = max(result[each.name], SMALLEST * each.prior.value)
-    result["lag_s"] = max(result["lag_s"], 0.0)
+    result[LAG] = max(result[LAG], 0.0)
     late = [each.name for each in known if each.name.startswith(_LATE)]
     too_soon = min((result[name] for name in late), default=0.0)
     for name in late if too_soon < 0.0 else ():  # nothing is told before it happens; differences are known best
@@ -214,7 +214,7 @@ def guess_of(config: Config, values: Mapping[str, float]) -> Guess:
         loss=values["loss"],
         car_inertia_kgm2=values[CAR],
         compliance=(values["damper_compliance"], values["output_compliance"]),
-        lag_s=values["lag_s"],
+        lag_s=values[LAG],
     )
 
 
