@@ -23,8 +23,13 @@ class What(StrEnum):
     RATIOS = "ratios"
     INERTIAS = "inertias"
     STIFFNESSES = "stiffnesses"
+    DAMPINGS = "dampings"
     CAR = "car"
     LOSSES = "losses"
+    SPIN = "spin"
+    ROAD = "road"
+    KISSING_POINTS = "kissing_points"
+    NOISES = "noises"
 
 
 def identify(

@@ -98,7 +98,7 @@ def factors(m: Moments) -> Factors | None:
     alone += np.where(ratio > 0.0, inertia * ratio * body, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         car = np.where(ratio > 0.0, vehicle.chassis.inertia_kgm2 / (ratio * loss) * body, 0.0)
-    driven = (ratio > 0.0) & m.free & _other_rests(m, np.maximum(has, 0))
+    driven = (ratio > 0.0) & m.free & other_rests(m, np.maximum(has, 0))
     state = np.where(has == _NONE, 1.0, np.where(driven, 1.0 + ratio, 0.0))
     changes = np.concatenate([[0], np.cumsum(np.diff(state) != 0.0)])
     n = round(SPAN_S / STEP_S)
@@ -133,7 +133,7 @@ def factors(m: Moments) -> Factors | None:
     return Factors(found.number(0) if apart else None, mass, correlation, x_1 + x_2, y)
 
 
-def _other_rests(m: Moments, carrying: NDArray[np.int64]) -> Mask:
+def other_rests(m: Moments, carrying: NDArray[np.int64]) -> Mask:
     """Return where the shaft that carries nothing is not being synchronised: that takes torque from the wheels."""
     row = np.arange(len(m.t_s))
     other = 1 - carrying

@@ -10,11 +10,25 @@ from typing import Any
 
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.errors import DctorqueError
+from dctorque_can.evidence.moments import moments
 from dctorque_can.evidence.series import decoded, read_frames
 from dctorque_can.evidence.yaml_edits import Edit
+from dctorque_can.identify import resistances
+from dctorque_can.identify.beliefs import seen_by
+from dctorque_can.identify.drive import Drive
 from dctorque_can.identify.identification import solution
 from dctorque_can.identify.identified_file import changes, identified_text
-from dctorque_can.identify.judgement import Judgement, Sensitivity, held_out, judged, sensitivities
+from dctorque_can.identify.judgement import (
+    Judgement,
+    Sensitivity,
+    held_out,
+    judged,
+    noise_results,
+    sensitivities,
+    without_help,
+)
+from dctorque_can.identify.kissing_points import kissing_points
+from dctorque_can.identify.manoeuvres import Missing, missing
 from dctorque_can.identify.plan import lacking
 from dctorque_can.identify.results import Result, common, correlations, results
 from dctorque_can.identify.unknowns import GROUPS
@@ -39,6 +53,8 @@ class Identified:
         sensitivities: what is left unknown of each number does to the torques.
         likelihood: growth of the logarithm of the likelihood of what was held out, by the kind of equation.
         equations: by their kind, how many were fitted and held out.
+        missing: manoeuvres that the recordings lack for what stayed unknown.
+        unclear: keys of what stayed unknown although the recordings hold what could tell of it.
         problems: what could not be read.
     """
 
@@ -52,6 +68,8 @@ class Identified:
     sensitivities: list[Sensitivity]
     likelihood: dict[str, float]
     equations: dict[str, tuple[int, int]]
+    missing: list[Missing]
+    unclear: list[str]
     problems: list[str]
 
     def as_json(self) -> dict[str, Any]:
@@ -82,6 +100,8 @@ class Identified:
             "held_out_likelihood_growth": self.likelihood,
             "equations": {kind: {"fitted": a, "held_out": b} for kind, (a, b) in self.equations.items()},
             "lacking": lacking(self.results),
+            "missing": [asdict(each) for each in self.missing],
+            "unclear": self.unclear,
             "problems": self.problems,
         }
 
@@ -122,16 +142,25 @@ def identify_logs(
         if not series.signals:
             raise DctorqueError(f"{path}: holds no usable value of any mapped signal; is it a log of this car?")
     solved = solution(recordings, config, groups, lambda done: progress(_READ + (_SOLVED - _READ) * done))
-    if not any(fitted for fitted, _ in solved.equations.values()):
+    if not any(fitted for kind, (fitted, _) in solved.equations.items() if kind != "wheels"):
         raise DctorqueError(
             f"{', '.join(map(str, logs))}: no equation of motion holds anywhere: it takes a clutch that is locked "
             "for a second while the car rolls; `check --log` says what is wrong with the signals"
         )
     found = results(solved, config)
-    edits = changes(config, found)
+    changed = _with(config, found)
+    drives = resistances.drives([moments(seen_by(series, changed)) for series in recordings], changed)
+    found += _beyond(drives, changed, groups)
     rest = [stretch for each in frames for stretch in held_out(each)]
-    after = load_documents(config.documents, {edit.key: edit.value for edit in edits})
-    before_judged, after_judged = judged(rest, config), judged(rest, after)
+    before_judged, after_judged = judged(rest, config), judged(rest, _with(config, found))
+    if "noises" in groups:
+        noises = noise_results(after_judged)
+        if any(each.changes for each in noises):
+            noises = without_help(noises, after_judged, judged(rest, _with(config, [*found, *noises])))
+            after_judged = judged(rest, _with(config, [*found, *noises]))
+        found += noises
+    edits = changes(config, found)
+    lacks, unclear = missing(drives, config, found)
     progress(0.5 * (1.0 + _SOLVED))
     sensitive = sensitivities(rest[0], config, edits, found) if rest else []
     if output is not None:
@@ -151,8 +180,33 @@ def identify_logs(
         sensitivities=sensitive,
         likelihood={kind: after - before for kind, (before, after) in solved.likelihood.items()},
         equations=solved.equations,
+        missing=lacks,
+        unclear=unclear,
         problems=problems,
     )
+
+
+def _with(config: Config, found: Sequence[Result]) -> Config:
+    """Return a vehicle file with what was found."""
+    return load_documents(config.documents, {edit.key: edit.value for edit in changes(config, found)})
+
+
+def _beyond(drives: Sequence[Drive], config: Config, groups: Sequence[str]) -> list[Result]:
+    """Return what recordings tell with all that the equations of motion together have found.
+
+    Args:
+        drives: recordings.
+        config: with what was found.
+        groups: that are looked for.
+    """
+    found = []
+    if "spin" in groups:
+        found += resistances.spin_losses(drives, config)
+    if "road" in groups:
+        found += resistances.road_load(drives, _with(config, found))
+    if "kissing_points" in groups:
+        found += kissing_points([drive.m for drive in drives], config)
+    return found
 
 
 def _part(progress: Callable[[float], None], n: int, logs: int) -> Callable[[float], None]:

@@ -10,18 +10,31 @@ sure. To its likelihood that is evidence: larger inertias let it expect less, an
 
 **Car**, while one clutch alone has the torque of the engine, slipping or not, and no brake is on:
 
-    M ω̇_b = R (1 + g) T_en(t − lag) − R λ |T| − R J_E ω̇_e − R_1 J_1 ω̇_c1 − R_2 J_2 ω̇_c2 − L
+    M ω̇_b = R (1 + g) T_en(t − lag) − R λ |T| − R J_E ω̇_e − R_1 J_1 ω̇_c1 − R_2 J_2 ω̇_c2 − r³ ρ C_d A ω_b²/2 − L
 
-with R = i_t i_f, λ what gears lose of the torque T behind the clutch, J_E = J_e + J_d, M = m r² + J_w. L is
-grade, wind and rolling: it walks (`regression`). The acceleration of the wheels has the most noise of all terms.
-So it is what the others are fitted to, times the M that is believed; the share of that which fits is what is
-looked for. A noisy term among the others would be found too small.
+with R = i_t i_f, λ what gears lose of the torque T behind the clutch, J_E = J_e + J_d, M = m r² + J_w. What shafts
+lose by spinning and the open clutch by its drag is taken off, as the file has it. L is
+grade, wind and rolling: it walks (`regression`). Air drag grows while a car gathers speed, as if it had more mass.
+The acceleration of the wheels has the most noise of all terms. So it is what the others are fitted to, times the M
+that is believed; the share of that which fits is what is looked for. A noisy term among the others would be found
+too small.
 
-**Damper**, while clutch i is locked:  ω_e − ω_ci = Ṫ_d/k_d.
+**Damper**, while clutch i is locked:  ω_e − ω_ci = (Ṫ_d − τ_d T̈_d)/k_d.
 
-**Output**, while shaft i drives:      ω_ci/R − ω_w = c_g ω_w + Ṫ_o (1/k_o + 1/(k_ti i_f²)).
+**Output**, while shaft i drives:      ω_ci/R − ω_w = c_g ω_w + Ṫ_o (1/k_o + 1/(k_ti i_f²)) − τ_o T̈_o/k_o.
+
+**Wheels** of one axle:                ω_l − ω_r = c ω_b; curves to the left and to the right are alike.
+
+τ = b/k is the time by which a twist follows its torque. A torque that is told late does the same; how late it is,
+the car tells; and the torque of the shaft is that of the engine less its inertia, which is one of the unknowns.
 
 **Tyres**:                             ω_w − ω_b = c ω_w + T_o ω_w/(r F).
+
+Of what these leave out, two are set up with all that they have found:
+
+**Free shaft**, out of gear and with its clutch open:  J_i ω̇_ci = −s_i − s'_i ω_ci + d_i (ω_e − ω_ci).
+
+**Road**, while no brake is on:                        L = r m g (K_rr + slope) + r³ ρ C_d A ω_b²/2.
 
 A signal that is late by x more than it is told has x times its rate too little. So the equations know the delays
 as differences; of all together they know what was believed of each.
@@ -29,22 +42,32 @@ as differences; of all together they know what was believed of each.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
-from dctorque_can.evidence.moments import SHAFTS, STEP_S, WHEELS, Mask, Moments, lasting, rate, smooth
-from dctorque_can.evidence.torques import carrier
+from dctorque_can.driveline.parameters import AIR_DENSITY, STANDARD_GRAVITY
+from dctorque_can.evidence.moments import (
+    RUNS_RAD_S,
+    SHAFTS,
+    STEP_S,
+    WHEELS,
+    Mask,
+    Moments,
+    lasting,
+    smooth,
+)
+from dctorque_can.identify.drive import REACH, Drive, Floats, rate
 from dctorque_can.pipeline.samples import Quantity
 
-Floats = NDArray[np.float64]
+BLOCK_S, HILL_S = 4.0, 60.0
+"""For how long errors hang together: those of the motion, and the slope of the road."""
 SLOW_S, FAST_S = 0.08, 0.08
 """Standard deviations of the smoothing: of the car's motion, and of the twist of shafts."""
-_REACH = 3.0  # standard deviations that a smoothed value reaches to either side
 _ROLLS = 3.0  # rad/s at the wheel: slower ones are not measured well
+_TURNS = 20.0  # rad/s of an input shaft, likewise
+_MOST_LOSS = 3.0  # times what is believed of the losses of a free shaft; a synchroniser takes more
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +75,12 @@ class Equations:
     """One kind of equation at several moments.
 
     Attributes:
-        name: car, damper, output or tyres.
+        name: car, damper, output, tyres, wheels, free shaft or road.
         t_s: times ``[n]``, s.
         y: known side ``[n]``.
         columns: by the name of what is not known, what it is multiplied with ``[n]``.
         walks: whether what is left walks, as the load of the road does.
+        block_s: for how long errors hang together at most, s.
     """
 
     name: str
@@ -64,38 +88,15 @@ class Equations:
     y: Floats
     columns: dict[str, Floats]
     walks: bool = False
+    block_s: float = BLOCK_S
 
     def __len__(self) -> int:
         return len(self.t_s)
 
-
-@dataclass(frozen=True, slots=True)
-class Guess:
-    """What equations need that is itself a result: they are set up anew with what was found.
-
-    Attributes:
-        engine_inertia_kgm2: J_e + J_d, or J_e alone in front of the damper.
-        damper_inertia_kgm2: J_d.
-        shaft_inertia_kgm2: of both shafts with their gears ``[2]``.
-        spin_loss: N·m and N·m·s/rad of both shafts ``[2][2]``.
-        loss: λ, of gear and final drive.
-        car_inertia_kgm2: M.
-        lag_s: of the engine behind its nominal torque.
-    """
-
-    engine_inertia_kgm2: float
-    damper_inertia_kgm2: float
-    shaft_inertia_kgm2: tuple[float, float]
-    spin_loss: tuple[tuple[float, float], tuple[float, float]]
-    loss: float
-    car_inertia_kgm2: float
-    lag_s: float = 0.0
-
-
-def _second(values: Floats, sigma_s: float) -> Floats:
-    """Return the second derivative of smoothed values ``[n]``, 1/s²."""
-    found = gaussian_filter1d(values, sigma_s / STEP_S, order=2, truncate=_REACH + 1.0)
-    return np.asarray(found / STEP_S**2, np.float64)
+    def at(self, rows: NDArray[np.intp] | Mask) -> Equations:
+        """Return some of the equations."""
+        columns = {name: column[rows] for name, column in self.columns.items()}
+        return replace(self, t_s=self.t_s[rows], y=self.y[rows], columns=columns)
 
 
 def _thinned(where: Mask, every_s: float) -> NDArray[np.intp]:
@@ -103,69 +104,6 @@ def _thinned(where: Mask, every_s: float) -> NDArray[np.intp]:
     step = max(round(every_s / STEP_S), 1)
     rows = np.flatnonzero(where)
     return np.asarray(rows[rows % step == 0], np.intp)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A recording with what all equations need.
-
-    Attributes:
-        m: the recording at its moments.
-        guess: see there.
-        has: which clutch alone has the engine's torque ``[n]``: 0, 1; −1 none, −2 not known.
-        ratio: R of it ``[n]``; 0 where there is none.
-        message: by quantity, how the delay of its message is called.
-    """
-
-    m: Moments
-    guess: Guess
-    has: NDArray[np.int64]
-    ratio: Floats
-    message: Mapping[Quantity, str]
-
-    @classmethod
-    def of(cls, m: Moments, guess: Guess, message: Mapping[Quantity, str]) -> Drive:
-        """Return the drive of a recording."""
-        has = carrier(m)
-        row = np.arange(len(m.t_s))
-        ratio = np.where(has >= 0, m.ratio[np.maximum(has, 0), row], 0.0)
-        return cls(m, guess, has, ratio, message)
-
-    @property
-    def rolls_in_front(self) -> bool:
-        """Whether the wheels that tell of the body are the front ones."""
-        return self.m.knows_body and not self.m.driven_fronts[0]
-
-    def clutch_torque(self, sigma_s: float) -> Floats:
-        """Return the torque behind the clutch that has all of it ``[n]``, N·m, smoothed."""
-        m, g = self.m, self.guess
-        torque = smooth(m.torque, sigma_s) - g.lag_s * rate(m.torque, sigma_s)
-        return torque - g.engine_inertia_kgm2 * rate(m.engine, sigma_s)
-
-    def output_torque(self, sigma_s: float) -> Floats:
-        """Return the torque of the output shaft ``[n]``, N·m, smoothed."""
-        i = np.maximum(self.has, 0)
-        row = np.arange(len(self.m.t_s))
-        shaft = np.nan_to_num(self.m.shaft)[i, row]
-        spin = np.asarray(self.guess.spin_loss)[i]
-        net = self.clutch_torque(sigma_s) - np.asarray(self.guess.shaft_inertia_kgm2)[i] * rate(shaft, sigma_s)
-        net -= spin[:, 0] + spin[:, 1] * np.abs(smooth(shaft, sigma_s))
-        return self.ratio * (net - self.guess.loss * np.abs(net))
-
-    def steady(self, sigma_s: float) -> Mask:
-        """Where one clutch alone has carried in one gear for as long as the smoothing reaches ``[n]``."""
-        state = np.where((self.has >= 0) & (self.ratio > 0.0), self.ratio, 0.0)
-        same = np.concatenate([[True], np.diff(state) == 0.0])
-        reach = _REACH * sigma_s + 0.1
-        return lasting(same & (state > 0.0), reach, reach)
-
-    def late(self, quantities: Sequence[Quantity], column: Floats) -> dict[str, Floats]:
-        """Return a column ``[n]`` for the delay of each message that quantities come in, which count alike."""
-        found: dict[str, Floats] = {}
-        for quantity in quantities:
-            name = self.message[quantity]
-            found[name] = found.get(name, 0.0) + column / len(quantities)
-        return found
 
 
 def _sum(*columns: dict[str, Floats]) -> dict[str, Floats]:
@@ -177,54 +115,98 @@ def _sum(*columns: dict[str, Floats]) -> dict[str, Floats]:
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class _Force:
+    """What the engine leaves to the car, smoothed over `SLOW_S`.
+
+    Attributes:
+        total: torque at the wheel ``[n]``, N·m.
+        torque_rate: of the engine ``[n]``, N·m/s.
+        engine: acceleration of the engine ``[n]``, rad/s².
+        shafts: accelerations of the input shafts ``[2][n]``, rad/s².
+        geared: ratios of the gears that are in ``[2][n]``, 0 where there is none.
+        behind: magnitude of the torque behind the clutch that has it ``[n]``, N·m.
+    """
+
+    total: Floats
+    torque_rate: Floats
+    engine: Floats
+    shafts: list[Floats]
+    geared: list[Floats]
+    behind: Floats
+
+    @classmethod
+    def of(cls, drive: Drive) -> _Force:
+        """Return it for a drive; without a clutch that has the torque, the shafts alone take from the car."""
+        m, g, s = drive.m, drive.guess, SLOW_S
+        torque, torque_rate, engine = smooth(m.torque, s), rate(m.torque, s), rate(m.engine, s)
+        shafts = [rate(np.nan_to_num(m.shaft[i]), s) for i in range(2)]
+        geared = [np.where(m.ratio[i] > 0.0, m.ratio[i], 0.0) for i in range(2)]
+        row, i = np.arange(len(m.t_s)), np.maximum(drive.has, 0)
+        behind = np.abs(drive.clutch_torque(s) - np.asarray(g.shaft_inertia_kgm2)[i] * np.stack(shafts)[i, row])
+        total = drive.ratio * (torque - g.lag_s * torque_rate - g.loss * behind - g.engine_inertia_kgm2 * engine)
+        output = m.vehicle.output_shaft
+        total -= output.spin_loss_nm + output.spin_loss_nms_per_rad * smooth(m.wheels, s)
+        for n in range(2):
+            loss = g.spin_loss[n][0] + g.spin_loss[n][1] * np.abs(smooth(np.nan_to_num(m.shaft[n]), s))
+            drag = np.where(drive.has == n, 0.0, g.drag[n] * smooth(m.engine - np.nan_to_num(m.shaft[n]), s))
+            total -= geared[n] * (loss + g.shaft_inertia_kgm2[n] * shafts[n] - drag) + drive.ratio * drag
+        return cls(total, torque_rate, engine, shafts, geared, behind)
+
+
+def _air(drive: Drive) -> Floats:
+    """Return the torque of air drag at the wheel over C_d A ``[n]``, N/m."""
+    radius = drive.m.vehicle.chassis.wheel_radius_m
+    return np.asarray(0.5 * AIR_DENSITY * radius**3 * smooth(drive.m.body, SLOW_S) ** 2, np.float64)
+
+
 def car(drive: Drive) -> Equations:
     """Return the balance of the car."""
-    m, g, s = drive.m, drive.guess, SLOW_S
-    torque, torque_rate = smooth(m.torque, s), rate(m.torque, s)
-    engine, body = rate(m.engine, s), rate(m.body, s)
-    shafts = [rate(np.nan_to_num(m.shaft[i]), s) for i in range(2)]
-    geared = [np.where(m.ratio[i] > 0.0, m.ratio[i], 0.0) for i in range(2)]
-    row, i = np.arange(len(m.t_s)), np.maximum(drive.has, 0)
-    spin = np.zeros(len(m.t_s))
-    for n in range(2):
-        loss = g.spin_loss[n][0] + g.spin_loss[n][1] * np.abs(smooth(np.nan_to_num(m.shaft[n]), s))
-        spin += geared[n] * loss
-    behind = np.abs(drive.clutch_torque(s) - np.asarray(g.shaft_inertia_kgm2)[i] * np.stack(shafts)[i, row])
-    force = (
-        drive.ratio * (torque - g.lag_s * torque_rate - g.loss * behind - g.engine_inertia_kgm2 * engine) - spin
-    )
-    force -= sum(geared[n] * g.shaft_inertia_kgm2[n] * shafts[n] for n in range(2))
-    where = drive.steady(s) & lasting(m.free, _REACH * s, _REACH * s) & (smooth(m.wheels, s) > _ROLLS)
+    m, s, chassis = drive.m, SLOW_S, drive.m.vehicle.chassis
+    body, force, air = rate(m.body, s), _Force.of(drive), _air(drive)
+    where = drive.steady(s) & lasting(m.free, REACH * s, REACH * s) & (smooth(m.wheels, s) > _ROLLS)
     rolling = [each for each in WHEELS if m.has(each) and (each in WHEELS[:2]) == drive.rolls_in_front]
     columns = _sum(
         {
-            "car_share": force,
-            "gain": drive.ratio * torque,
-            "lag_s": -drive.ratio * torque_rate,
-            "loss": -drive.ratio * behind,
-            "engine_inertia_kgm2": -drive.ratio * engine,
-            "shaft1_inertia_kgm2": -geared[0] * shafts[0],
-            "shaft2_inertia_kgm2": -geared[1] * shafts[1],
+            "car_share": force.total,
+            "gain": drive.ratio * smooth(m.torque, s),
+            "lag_s": -drive.ratio * force.torque_rate,
+            "loss": -drive.ratio * force.behind,
+            "air_m2": -air,
+            "engine_inertia_kgm2": -drive.ratio * force.engine,
+            "shaft1_inertia_kgm2": -force.geared[0] * force.shafts[0],
+            "shaft2_inertia_kgm2": -force.geared[1] * force.shafts[1],
         },
-        drive.late([Quantity.ENGINE_TORQUE], drive.ratio * torque_rate),
-        drive.late(rolling, -drive.ratio * torque_rate),
+        drive.late([Quantity.ENGINE_TORQUE], drive.ratio * force.torque_rate),
+        drive.late(rolling, -drive.ratio * force.torque_rate),
     )
-    return _at(m, "car", where, 0.2, g.car_inertia_kgm2 * body - force, columns, walks=True)
+    y = (
+        drive.guess.car_inertia_kgm2 * body
+        - force.total
+        + chassis.drag_coefficient * chassis.frontal_area_m2 * air
+    )
+    return _at(m, "car", where, 0.2, y, columns, walks=True)
 
 
 def damper(drive: Drive) -> list[Equations]:
     """Return the twist of the damper, of each clutch that is locked."""
     m, g, found = drive.m, drive.guess, []
     primary = g.engine_inertia_kgm2 - g.damper_inertia_kgm2
-    torque = rate(m.torque, FAST_S) - primary * _second(m.engine, FAST_S)
-    engine = rate(m.engine, FAST_S)
+    torque = rate(m.torque, FAST_S) - primary * np.gradient(rate(m.engine, FAST_S), STEP_S)
+    engine, later = rate(m.engine, FAST_S), g.compliance[0] * np.gradient(rate(m.torque, FAST_S), STEP_S)
+    twist = {
+        "damper_compliance": torque,
+        "damper_damping_s": -g.compliance[0] * np.gradient(torque, STEP_S),
+        "lag_s": -later,
+    }
     for i in range(2):
         if not m.has(SHAFTS[i]):
             continue
         where = drive.steady(FAST_S) & (drive.has == i) & lasting(m.locked[i], 0.2, 0.2)
         late = drive.late([SHAFTS[i]], engine), drive.late([Quantity.ENGINE_SPEED], -engine)
         y = smooth(m.engine - np.nan_to_num(m.shaft[i]), FAST_S)
-        found.append(_at(m, "damper", where, 0.04, y, _sum({"damper_compliance": torque}, *late)))
+        columns = _sum(twist, drive.late([Quantity.ENGINE_TORQUE], later), *late)
+        found.append(_at(m, "damper", where, 0.04, y, columns))
     return found
 
 
@@ -235,6 +217,9 @@ def output(drive: Drive) -> list[Equations]:
         return []
     twist = np.gradient(np.nan_to_num(drive.output_torque(FAST_S)), STEP_S)
     speed, acceleration = smooth(m.wheels, FAST_S), rate(m.wheels, FAST_S)
+    compliance = drive.guess.compliance[1]
+    later = compliance * drive.ratio * np.gradient(rate(m.torque, FAST_S), STEP_S)
+    turning = compliance * drive.ratio * np.gradient(rate(m.engine, FAST_S), STEP_S)
     driven = [each for each in WHEELS if m.has(each) and (each in WHEELS[:2]) in m.driven_fronts]
     for i in range(2):
         for gear in m.vehicle.gears_on(i + 1) if m.has(SHAFTS[i]) else ():
@@ -248,7 +233,11 @@ def output(drive: Drive) -> list[Equations]:
                     "radius": -speed,
                     "output_compliance": twist,
                     f"transfer{i + 1}_compliance": twist / gear.final_drive**2,
+                    "output_damping_s": -compliance * np.gradient(twist, STEP_S),
+                    "lag_s": -later,
+                    "engine_inertia_kgm2": -turning,
                 },
+                drive.late([Quantity.ENGINE_TORQUE], later),
                 drive.late(driven, acceleration),
                 drive.late([SHAFTS[i]], -acceleration),
             )
@@ -275,6 +264,80 @@ def tyres(drive: Drive) -> list[Equations]:
     return [_at(m, "tyres", where, 0.2, smooth(m.wheels - m.body, SLOW_S), columns)]
 
 
+def pairs(drive: Drive) -> list[Equations]:
+    """Return the difference of the wheels of each axle, which tells how late they come against each other."""
+    m, found = drive.m, []
+    speed, acceleration = smooth(m.body, SLOW_S), rate(m.body, SLOW_S)
+    for name, (left, right) in (("front", WHEELS[:2]), ("rear", WHEELS[2:])):
+        if m.has(left, right) and drive.message[left] != drive.message[right]:
+            columns = _sum(
+                {f"{name}_wheels": speed}, drive.late([left], -acceleration), drive.late([right], acceleration)
+            )
+            y = smooth(m.speed(left) - m.speed(right), SLOW_S)
+            found.append(_at(m, "wheels", speed > _ROLLS, 0.2, y, columns))
+    return found
+
+
+def free_shafts(drive: Drive) -> list[Equations]:
+    """Return what slows down or drags along each input shaft that is out of gear, with its clutch open."""
+    m, g, found = drive.m, drive.guess, []
+    for i in range(2):
+        if not m.has(SHAFTS[i]):
+            continue
+        speed = smooth(m.shaft[i], SLOW_S)
+        slip = smooth(m.engine, SLOW_S) - speed
+        y = g.shaft_inertia_kgm2[i] * rate(m.shaft[i], SLOW_S)
+        loss = g.spin_loss[i][0] + g.spin_loss[i][1] * np.abs(speed) + g.drag[i] * np.abs(slip)
+        free = m.neutral[i] & (m.closed_told[i] == 0) & (np.abs(y) < _MOST_LOSS * loss)
+        where = lasting(free, REACH * SLOW_S, REACH * SLOW_S) & (speed > _TURNS) & (m.engine > RUNS_RAD_S)
+        columns = {
+            f"spin{i + 1}_nm": -np.ones(len(y)),
+            f"spin{i + 1}_nms_per_rad": -speed,
+            f"drag{i + 1}_nms_per_rad": slip,
+            f"shaft{i + 1}_share": -y,
+        }
+        found.append(_at(m, "free shaft", where, 0.04, y, columns))
+    return found
+
+
+def road(drive: Drive, name: str) -> Equations:
+    """Return what the road takes while no brake is on, with the losses of what turns.
+
+    Args:
+        drive: a recording.
+        name: how its mean slope is called among the unknowns.
+    """
+    m, s, chassis = drive.m, SLOW_S, drive.m.vehicle.chassis
+    force, wheels = _Force.of(drive), smooth(m.wheels, s)
+    sailing = lasting(drive.has == -1, REACH * s + 0.1, REACH * s + 0.1)
+    where = (drive.steady(s) | sailing) & lasting(m.free, REACH * s, REACH * s) & (wheels > _ROLLS)
+    inertia = drive.guess.car_inertia_kgm2 * rate(m.body, s)
+    y = force.total - inertia
+    weight = np.full(len(y), STANDARD_GRAVITY * chassis.mass_kg * chassis.wheel_radius_m)
+    speeds = [smooth(np.nan_to_num(m.shaft[n]), s) for n in range(2)]
+    columns = {
+        "rolling": weight,
+        "air_m2": _air(drive),
+        name: weight,
+        "gain": -drive.ratio * smooth(m.torque, s),
+        "torque_nm": -drive.ratio,
+        "loss": drive.ratio * force.behind,
+        "car_share": inertia,
+        "spin1_nm": force.geared[0],
+        "spin1_nms_per_rad": force.geared[0] * speeds[0],
+        "spin2_nm": force.geared[1],
+        "spin2_nms_per_rad": force.geared[1] * speeds[1],
+        "output_spin_nm": np.ones(len(y)),
+        "output_spin_nms_per_rad": wheels,
+    }
+    return _at(m, "road", where, 1.0, y, columns, block_s=HILL_S)
+
+
+def equations(drive: Drive) -> list[Equations]:
+    """Return all that are solved together."""
+    return [car(drive), *damper(drive), *output(drive), *tyres(drive), *pairs(drive)]
+
+
 def _at(
     m: Moments,
     name: str,
@@ -283,9 +346,9 @@ def _at(
     y: Floats,
     columns: dict[str, Floats],
     walks: bool = False,
+    block_s: float = BLOCK_S,
 ) -> Equations:
     known = where & np.isfinite(y)
     for column in columns.values():
         known &= np.isfinite(column)
-    rows = _thinned(known, every_s)
-    return Equations(name, m.t_s[rows], y[rows], {key: column[rows] for key, column in columns.items()}, walks)
+    return Equations(name, m.t_s, y, columns, walks, block_s).at(_thinned(known, every_s))

@@ -8,7 +8,8 @@ alternate, is never fitted: a number that makes what is fitted likelier and that
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 
@@ -17,11 +18,14 @@ from dctorque_can.evidence.moments import moments
 from dctorque_can.evidence.series import Series
 from dctorque_can.identify import equations as motion
 from dctorque_can.identify.beliefs import Message, messages, seen_by
-from dctorque_can.identify.equations import Drive, Equations
+from dctorque_can.identify.common_delay import with_common_delay
+from dctorque_can.identify.drive import Drive
+from dctorque_can.identify.equations import Equations
 from dctorque_can.identify.regression import Posterior, log_likelihood, solve
 from dctorque_can.identify.unknowns import (
     GAIN,
     GROUPS,
+    LAG,
     Unknown,
     believed,
     config_of,
@@ -34,7 +38,9 @@ from dctorque_can.identify.unknowns import (
 )
 
 ROUNDS = 5
-_WORSE = 3.0  # logarithm of a likelihood that is less by chance: one of a hundred is less by more
+_WORSE = 3.0  # logarithm of a likelihood: equations that are not quite right make as much of nothing
+_CLEAR = 2.0  # standard deviations
+_HUNDREDTH = 2.33  # standard deviations of a normal number, beyond which is one of a hundred
 HELD_OUT_S = 60.0
 """One such stretch of a recording is fitted, the next one is held out, and so on."""
 
@@ -88,9 +94,8 @@ def solution(
         fitted, held = [], []
         for series in recordings:
             drive = Drive.of(moments(seen_by(series, seen)), guess_of(config, values), names)
-            each = [motion.car(drive), *motion.damper(drive), *motion.output(drive), *motion.tyres(drive)]
-            for equation in each:
-                first, second = _split(equation)
+            for equation in motion.equations(drive):
+                first, second = split(equation)
                 fitted.append(first)
                 held.append(second)
         found = solve(fitted, believed(looked_for, values))
@@ -99,22 +104,53 @@ def solution(
         progress((n + 1) / ROUNDS)
     assert found is not None
     found = found.considering(GAIN, gain_belief(config).sigma)
+    if "delays" in groups:
+        found = _with_clear_lag(found, looked_for, values)
+        found = with_common_delay(found, known, values)
     return _concluded(looked_for, known, values, found, fitted, held)
 
 
-def _split(equation: Equations) -> tuple[Equations, Equations]:
+def _with_clear_lag(found: Posterior, looked_for: Sequence[Unknown], values: dict[str, float]) -> Posterior:
+    """Return the posterior with the lag of the engine as it was believed, unless it is clearly another.
+
+    A lag is never negative, so of one that is not there chance makes a positive one; and mostly there is none.
+    """
+    if LAG not in found.names:
+        return found
+    (prior,) = (each.prior for each in looked_for if each.name == LAG)
+    now = found.of(LAG)
+    change = prior.value - values[LAG]
+    if abs(now.value - change) > _CLEAR * now.sigma:
+        return found
+    return replace(found, values=np.array(list(found.given(LAG, change).values())))
+
+
+def split(equation: Equations) -> tuple[Equations, Equations]:
     """Return what is fitted and what is held out."""
     out = np.floor(equation.t_s / HELD_OUT_S) % 2 == 1
-    return tuple(  # type: ignore[return-value]
-        Equations(
-            equation.name,
-            equation.t_s[rows],
-            equation.y[rows],
-            {name: column[rows] for name, column in equation.columns.items()},
-            equation.walks,
-        )
-        for rows in (~out, out)
+    return equation.at(~out), equation.at(out)
+
+
+def overfits(
+    name: str, before: float, found: Posterior, fitted: Sequence[Equations], held: Sequence[Equations]
+) -> bool:
+    """Return whether a number suits what was fitted and not what was held out.
+
+    The others are the likeliest with and without it. A number that has moved by z of its standard deviations gains
+    g = z²/2 where it was fitted, and g + √2 z ε elsewhere, with ε drawn anew: one of a hundred is below
+    g − 4.66 √g.
+
+    Args:
+        name: of the number.
+        before: what was believed of it.
+        found: after regression.
+        fitted, held: the equations.
+    """
+    after, without = dict(zip(found.names, found.values.tolist(), strict=True)), found.given(name, before)
+    fits, holds = (
+        log_likelihood(some, after, found) - log_likelihood(some, without, found) for some in (fitted, held)
     )
+    return fits > 0.0 and holds < -max(_WORSE, 2.0 * _HUNDREDTH * sqrt(fits) - fits)
 
 
 def _concluded(
@@ -125,25 +161,18 @@ def _concluded(
     fitted: Sequence[Equations],
     held: Sequence[Equations],
 ) -> Solution:
-    """Return the solution; of each number decides what was held out.
+    """Return the solution; of each number decides what was held out (`overfits`).
 
-    The equations of the last round are set up with ``values``; with these, all corrections are nought. A number
-    is an overfit, and refused, if it suits what was fitted and not what was held out, the others being the
-    likeliest with and without it.
+    The equations of the last round are set up with ``values``; with these, all corrections are nought.
     """
     beliefs = believed(looked_for, values)
     before = {name: beliefs[name].value for name in found.names}
     after = {name: found.of(name).value for name in found.names}
-    refused = []
-    for each in looked_for:
-        if each.name in found.names and each.group:
-            without = found.given(each.name, before[each.name])
-            fits, holds = (
-                log_likelihood(some, after, found) - log_likelihood(some, without, found)
-                for some in (fitted, held)
-            )
-            if fits > 0.0 and holds < -_WORSE:
-                refused.append(each.name)
+    refused = [
+        each.name
+        for each in looked_for
+        if each.name in found.names and each.group and overfits(each.name, before[each.name], found, fitted, held)
+    ]
     kinds = dict.fromkeys(each.name for each in held)
     likelihood = {}
     for kind in kinds:

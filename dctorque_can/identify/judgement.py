@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.analysis.health import health_counts
+from dctorque_can.analysis.noise_hints import ENOUGH, LearnedNoise, key_of, learned_noises
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.evidence.draft import number
 from dctorque_can.evidence.yaml_edits import Edit
 from dctorque_can.identify.identification import HELD_OUT_S
+from dctorque_can.identify.regression import Belief
 from dctorque_can.identify.results import Result
-from dctorque_can.pipeline.estimates import SENSORS, Status
+from dctorque_can.pipeline.estimates import HEALTH, SENSORS, Status
 from dctorque_can.pipeline.frames import Frames
 
 SENSITIVE_S = 30.0
@@ -34,12 +37,14 @@ class Judgement:
         gain: share that it believes the engine's torque to be above the nominal one.
         valid: share of estimates with valid clutch torques.
         findings: sentences of the plausibility monitor.
+        noises: what was learned of the noises of the speeds.
     """
 
     nis: dict[str, float]
     gain: float
     valid: float
     findings: list[str]
+    noises: list[LearnedNoise]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +71,12 @@ def held_out(frames: Frames) -> list[Frames]:
 def judged(stretches: Sequence[Frames], config: Config) -> Judgement:
     """Return what the estimator makes of stretches, each begun anew."""
     squares, counts, gains = np.zeros(len(SENSORS)), np.zeros(len(SENSORS)), []
-    rows, valid, findings = 0, 0, []
+    rows, valid, findings, healths = 0, 0, [], [np.zeros(0, HEALTH)]
     for stretch in stretches:
         chain = Chain(config)
         estimates = chain.feed(stretch)
         health = chain.health
+        healths.append(health.copy())
         squares += health["innovation_squares"][0]
         counts += health["innovations"][0]
         gains.append(float(health["engine_torque_gain_error"][0]))
@@ -79,8 +85,47 @@ def judged(stretches: Sequence[Frames], config: Config) -> Judgement:
         findings += [found["says"] for found in health_counts(health)["findings"]]
     nis = {sensor: float(squares[n] / counts[n]) for n, sensor in enumerate(SENSORS) if counts[n] > 0}
     return Judgement(
-        nis, float(np.mean(gains)) if gains else 0.0, valid / max(rows, 1), list(dict.fromkeys(findings))
+        nis=nis,
+        gain=float(np.mean(gains)) if gains else 0.0,
+        valid=valid / max(rows, 1),
+        findings=list(dict.fromkeys(findings)),
+        noises=learned_noises(np.concatenate(healths)),
     )
+
+
+def noise_results(now: Judgement) -> list[Result]:
+    """Return the noises of the speeds that are clearly others than told, and those of which too little was seen.
+
+    Args:
+        now: with all other numbers as they are known now.
+    """
+    found = []
+    for each in now.noises:
+        before = Belief(each.told_rad_s, each.told_rad_s)  # a factor of two is usual
+        if each.value is not None:
+            after = Belief(each.value, each.value / sqrt(2.0 * each.samples))
+        elif 0.0 < each.samples < ENOUGH:
+            after = before
+        else:
+            continue
+        found.append(Result(each.key, "noises", "rad/s", before, after, refused=False))
+    return found
+
+
+def without_help(noises: Sequence[Result], now: Judgement, then: Judgement) -> list[Result]:
+    """Return the noises; those go back with which the innovations are no nearer to what the filter expects.
+
+    Args:
+        noises: of `noise_results`.
+        now, then: what the filter says without and with them.
+    """
+    found = []
+    for each in noises:
+        sensors = [name for name in now.nis if key_of(name) == each.key]
+        far = [float(np.mean([abs(log(max(some.nis[name], 1e-9))) for name in sensors])) for some in (now, then)]
+        worse = each.changes and far[1] > far[0]
+        found.append(replace(each, after=each.before, refused=True) if worse else each)
+    return found
 
 
 def sensitivities(

@@ -3,7 +3,8 @@
 What is left of an equation is noise, whose size the residuals tell; where it walks, as the load of the road does,
 a scalar Kalman filter makes it white first (generalised least squares). Far residuals count less (Huber 1964).
 Residuals of neighbouring moments hang together: standard deviations are those of the sandwich estimator with
-blocks of some seconds (Liang and Zeger, Biometrika 73, 1986, 13), and never less than those of independent ones.
+blocks of some time, `Equations.block_s` (Liang and Zeger, Biometrika 73, 1986, 13), and never less than those of
+independent ones.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from dctorque_can.identify.equations import Equations
 
 Floats = NDArray[np.float64]
-BLOCK_S = 4.0
 _HUBER = 2.0  # standard deviations
 _TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its σ
 _ROUNDS = 5
@@ -220,7 +220,7 @@ def _whitened(equations: Equations, names: Sequence[str], walk: Mapping[str, flo
     here = [name for name in names if name in equations.columns]
     where = np.array([names.index(name) for name in here], np.intp)
     x = np.stack([equations.columns[name] for name in here], axis=1)
-    block = np.floor(equations.t_s / BLOCK_S).astype(np.int64)
+    block = np.floor(equations.t_s / equations.block_s).astype(np.int64)
     if not equations.walks:
         return _White(equations.name, equations.y, x, where, block)
     white, deviation = without_walk(np.column_stack([equations.y, x]), equations.t_s, walk[equations.name])

@@ -11,7 +11,7 @@ from dctorque_can.config.load import Config
 from dctorque_can.identify.beliefs import LAG_KEY, belief, gear_key, shared
 from dctorque_can.identify.identification import Solution
 from dctorque_can.identify.regression import Belief
-from dctorque_can.identify.unknowns import CAR, Unknown, late_name, shaft_parts
+from dctorque_can.identify.unknowns import CAR, DAMPINGS, Unknown, late_name, shaft_parts
 
 MODEL = {"ratios": 5e-4, "inertias": 0.04, "stiffnesses": 0.04, "car": 0.02}
 """Standard deviations by what the equations leave out, as a share: damping, tyres, the engine's lag."""
@@ -58,13 +58,12 @@ def results(solution: Solution, config: Config) -> list[Result]:
 
 
 def _results(unknown: Unknown, solution: Solution, config: Config) -> list[Result]:
-    """Return the numbers that one unknown stands for; nothing where no equation holds it."""
-    if unknown.name not in solution.posterior.names:
-        return []
-    refused = unknown.name in solution.refused
-    sigma = solution.posterior.of(unknown.name).sigma
-    after = Belief(solution.values[unknown.name], sigma * (solution.values[CAR] if unknown.name == CAR else 1.0))
-    after = replace(after, sigma=min(hypot(after.sigma, _model(unknown, after.value)), unknown.prior.sigma))
+    """Return the numbers that one unknown stands for; as they were where no equation holds it."""
+    refused, after = unknown.name in solution.refused, unknown.prior
+    if unknown.name in solution.posterior.names:
+        sigma = solution.posterior.of(unknown.name).sigma * (solution.values[CAR] if unknown.name == CAR else 1.0)
+        value = solution.values[unknown.name]
+        after = Belief(value, min(hypot(sigma, _model(unknown, value)), unknown.prior.sigma))
 
     def one(key: str, unit: str, before: Belief, now: Belief) -> Result:
         return Result(key, unknown.group, unit, before, now if not refused else before, refused)
@@ -85,6 +84,11 @@ def _results(unknown: Unknown, solution: Solution, config: Config) -> list[Resul
         before = belief(config, key)
         now = Belief(1.0 / after.value, after.sigma / after.value**2)
         return [one(key, "N·m/rad", before, replace(now, sigma=min(now.sigma, before.sigma)))]
+    if unknown.group == "dampings":
+        key = f"{DAMPINGS[name]}.damping_nms_per_rad"
+        before = belief(config, key)
+        stiff = 1.0 / solution.values[f"{'damper' if name.startswith('damper') else 'output'}_compliance"]
+        return [one(key, "N·m·s/rad", before, Belief(after.value * stiff, min(after.sigma * stiff, before.sigma)))]
     if name == "engine_inertia_kgm2":
         keys = ["vehicle.engine_inertia_kgm2", "vehicle.damper.inertia_kgm2"]
         parts = [belief(config, key) for key in keys]
@@ -153,7 +157,7 @@ def common(solution: Solution) -> dict[str, tuple[float, float]]:
 
 
 def _model(unknown: Unknown, value: float) -> float:
-    if unknown.group == "delays":
+    if unknown.group in ("delays", "dampings"):
         return MODEL_LATE_MS / 1000.0
     if unknown.group == "losses":
         return MODEL_LOSS

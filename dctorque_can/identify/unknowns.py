@@ -17,15 +17,20 @@ from dctorque_can.identify.beliefs import (
     with_delays,
     with_vehicle,
 )
-from dctorque_can.identify.equations import Guess
+from dctorque_can.identify.drive import Guess
 from dctorque_can.identify.regression import Belief, Posterior
 
-GROUPS = ("delays", "ratios", "inertias", "stiffnesses", "car", "losses")
+EQUATIONS = ("delays", "ratios", "inertias", "stiffnesses", "dampings", "car", "losses")
+"""Groups of numbers that all equations of motion together are solved for."""
+GROUPS = (*EQUATIONS, "spin", "road", "kissing_points", "noises")
 """What can be chosen to be identified."""
-CAR, GAIN = "car_share", "gain"
+CAR, GAIN, LAG = "car_share", "gain", "lag_s"
+DAMPINGS = {"damper_damping_s": "vehicle.damper", "output_damping_s": "vehicle.output_shaft"}
+"""Damping over stiffness, and of what."""
 _LATE = "late "
 _SURE = 1e-4  # of a belief: of a number that is taken to be right
-_SMALLEST = 0.2  # share of itself that an inertia or a compliance keeps
+SMALLEST = 0.2
+"""Share of itself that a number keeps which cannot be nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +56,14 @@ def late_name(message: Message) -> str:
 
 
 def unknowns(config: Config, messages: Sequence[Message], groups: Sequence[str]) -> list[Unknown]:
-    """Return all unknowns; those of groups that are not chosen are known nearly exactly."""
+    """Return all unknowns; those of groups that are not chosen are taken to be right, and belong to none."""
     vehicle = config.settings.vehicle
     found = [
         Unknown(late_name(each), "delays", Belief(each.late.value / 1000.0, each.late.sigma / 1000.0))
         for each in messages
     ]
     lag_s = config.settings.kalman.engine_torque_lag_s
-    found.append(Unknown("lag_s", "delays", Belief(lag_s, config.sigmas.get(LAG_KEY, LAG_MS) / 1000.0)))
+    found.append(Unknown(LAG, "delays", Belief(lag_s, config.sigmas.get(LAG_KEY, LAG_MS) / 1000.0)))
     for gear in vehicle.gears:
         if gear.number > 0:
             ratio = belief(config, gear_key(gear.number, "ratio"))
@@ -75,21 +80,28 @@ def unknowns(config: Config, messages: Sequence[Message], groups: Sequence[str])
     for shaft in (1, 2):
         key = f"vehicle.shafts.{shaft}.transfer_stiffness_nm_per_rad"
         found.append(_compliance(config, f"transfer{shaft}_compliance", key))
+    for name, key in DAMPINGS.items():
+        found.append(Unknown(name, "dampings", _damping(config, key), corrects=False))
     found.append(Unknown(CAR, "car", car_belief(config)))
     gears, final = belief(config, "vehicle.gear_efficiency"), belief(config, "vehicle.final_drive_efficiency")
     loss = Belief(1.0 - gears.value * final.value, hypot(gears.sigma, final.sigma))
     found.append(Unknown("loss", "losses", loss))
-    found.append(Unknown(GAIN, "", Belief(0.0, _sure(gain_belief(config))), corrects=False))
+    found.append(Unknown(GAIN, "", Belief(0.0, sure(gain_belief(config))), corrects=False))
+    found.append(Unknown("air_m2", "", Belief(0.0, air_belief(config).sigma), corrects=False))
     found.append(Unknown("axles", "", Belief(0.0, 0.02), corrects=False))
+    found += [Unknown(f"{name}_wheels", "", Belief(0.0, 0.02), corrects=False) for name in ("front", "rear")]
     found.append(Unknown("slip_per_nm", "", Belief(0.0, 1e-3), corrects=False))
     found.append(Unknown("tyre_lag_s", "", Belief(0.0, 3e-3), corrects=False))
     return [
-        each if each.group in ("", *groups) else replace(each, prior=Belief(each.prior.value, _sure(each.prior)))
+        each
+        if each.group in ("", *groups)
+        else replace(each, group="", prior=Belief(each.prior.value, sure(each.prior)))
         for each in found
     ]
 
 
-def _sure(prior: Belief) -> float:
+def sure(prior: Belief) -> float:
+    """Return the standard deviation with which a number is taken to be right."""
     return max(_SURE * prior.sigma, 1e-12)
 
 
@@ -117,6 +129,13 @@ def gain_belief(config: Config) -> Belief:
     return Belief(0.0, max(config.settings.kalman.engine_torque_error_share, 1e-6))
 
 
+def air_belief(config: Config) -> Belief:
+    """Return what is believed of C_d A, m²."""
+    drag, area = (belief(config, f"vehicle.chassis.{key}") for key in ("drag_coefficient", "frontal_area_m2"))
+    value = drag.value * area.value
+    return Belief(value, max(hypot(drag.sigma * area.value, area.sigma * drag.value), 1e-12))
+
+
 def car_belief(config: Config) -> Belief:
     """Return what is believed of M = m r² + J_w, at the radius of the file."""
     mass, wheels = belief(config, "vehicle.chassis.mass_kg"), belief(config, "vehicle.chassis.wheel_inertia_kgm2")
@@ -128,6 +147,16 @@ def _compliance(config: Config, name: str, key: str) -> Unknown:
     stiffness = belief(config, key)
     sigma = max(stiffness.sigma, 1e-9) / stiffness.value**2
     return Unknown(name, "stiffnesses", Belief(1.0 / stiffness.value, sigma), corrects=False)
+
+
+def _damping(config: Config, key: str) -> Belief:
+    """Return what is believed of the time by which a twist follows its torque: damping over stiffness, s."""
+    damping, stiffness = (
+        belief(config, f"{key}.damping_nms_per_rad"),
+        belief(config, f"{key}.stiffness_nm_per_rad"),
+    )
+    sigma = hypot(damping.sigma, damping.value * stiffness.sigma / stiffness.value)
+    return Belief(damping.value / stiffness.value, max(sigma / stiffness.value, 1e-12))
 
 
 def first_values(config: Config, known: Sequence[Unknown], messages: Sequence[Message]) -> dict[str, float]:
@@ -156,12 +185,12 @@ def corrected(known: Sequence[Unknown], values: Mapping[str, float], found: Post
             continue
         change = found.of(each.name).value
         if each.name == CAR:
-            result[CAR] = values[CAR] / max(1.0 + change, _SMALLEST)
+            result[CAR] = values[CAR] / max(1.0 + change, SMALLEST)
         else:
             result[each.name] = values[each.name] + change if each.corrects else change
-        if each.group in ("inertias", "stiffnesses", "car"):
-            result[each.name] = max(result[each.name], _SMALLEST * each.prior.value)
-    result["lag_s"] = max(result["lag_s"], 0.0)
+        if each.group in ("inertias", "stiffnesses", "dampings", "car"):
+            result[each.name] = max(result[each.name], SMALLEST * each.prior.value)
+    result[LAG] = max(result[LAG], 0.0)
     late = [each.name for each in known if each.name.startswith(_LATE)]
     too_soon = min((result[name] for name in late), default=0.0)
     for name in late if too_soon < 0.0 else ():  # nothing is told before it happens; differences are known best
@@ -181,9 +210,11 @@ def guess_of(config: Config, values: Mapping[str, float]) -> Guess:
             (first.spin_loss_nm, first.spin_loss_nms_per_rad),
             (second.spin_loss_nm, second.spin_loss_nms_per_rad),
         ),
+        drag=(vehicle.clutches[0].drag_nms_per_rad, vehicle.clutches[1].drag_nms_per_rad),
         loss=values["loss"],
         car_inertia_kgm2=values[CAR],
-        lag_s=values["lag_s"],
+        compliance=(values["damper_compliance"], values["output_compliance"]),
+        lag_s=values[LAG],
     )
 
 

@@ -78,6 +78,9 @@ def summary_lines(found: Identified) -> list[str]:
     untold = [each.key for each in found.results if not each.changes and not each.refused]
     if untold:
         lines.append(f"not told by these drives, so left as they are: {', '.join(untold)}")
+    lines += map(str, found.missing)
+    if found.unclear:
+        lines.append(f"hardly told, though these logs hold what could tell: {', '.join(found.unclear)}")
     counts = ", ".join(f"{kind} {fitted} and {held}" for kind, (fitted, held) in found.equations.items())
     lines.append(f"equations fitted and held out: {counts}")
     if not any(held for _, held in found.equations.values()):

@@ -61,6 +61,25 @@ class InventedCar:
         text = yaml.safe_dump(self.vehicle_file, sort_keys=False, allow_unicode=True, width=110)
         return {"car.yaml": text.encode(), "car.dbc": self.dbc}
 
+    @property
+    def owners_file(self) -> dict[str, Any]:
+        """What its owner knows: how the bus is read, but no delay; the ratios; of all else the class."""
+        vehicle = self.vehicle_file["vehicle"]
+        gears = {
+            number: {key: gear[key] for key in ("shaft", "ratio", "final_drive")}
+            for number, gear in vehicle["gears"].items()
+        }
+        known: dict[str, Any] = _without_delays(self.vehicle_file)
+        known["vehicle"] = {"class": self.class_name, "gears": gears, "driven_axle": vehicle["driven_axle"]}
+        return known
+
+
+def _without_delays(value: Any) -> Any:
+    """Return a part of a vehicle file without its delays."""
+    if isinstance(value, dict):
+        return {key: _without_delays(item) for key, item in value.items() if key != "delay_ms"}
+    return [_without_delays(item) for item in value] if isinstance(value, list) else value
+
 
 def invent_car(seed: int, class_name: str | None = None, tells_motion: bool = False) -> InventedCar:
     """Return the car of a seed.

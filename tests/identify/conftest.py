@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
 from dctorque_can.config.load import Config, load_config
+from dctorque_can.evidence.moments import Moments, moments
+from dctorque_can.evidence.series import read_series
+from dctorque_can.logs.reader import open_log
 from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car, write_log
 from dctorque_can.study.invented_car import invent_car
 from tests.cli.conftest import dctorque
@@ -27,13 +29,6 @@ class Owned:
     log: Path
 
 
-def without_delays(value: Any) -> Any:
-    """Return a part of a vehicle file without its delays."""
-    if isinstance(value, dict):
-        return {key: without_delays(item) for key, item in value.items() if key != "delay_ms"}
-    return [without_delays(item) for item in value] if isinstance(value, list) else value
-
-
 @pytest.fixture(scope="session")
 def owned(tmp_path_factory: pytest.TempPathFactory) -> Owned:
     """Return a car whose owner knows its ratios and its class, and no delay."""
@@ -45,12 +40,19 @@ def owned(tmp_path_factory: pytest.TempPathFactory) -> Owned:
     log = folder / "drive.mcap"
     drive = simulate_car(truth, DriveName.MIXED, ProfileName.PRODUCTION, 31, SECONDS)
     write_log(truth, drive, log)
-    known = without_delays(car.vehicle_file)
-    gears = {
-        n: {key: gear[key] for key in ("shaft", "ratio", "final_drive")}
-        for n, gear in car.vehicle_file["vehicle"]["gears"].items()
-    }
-    known["vehicle"] = {"class": car.class_name, "gears": gears, "driven_axle": "front"}
     owners = folder / "mine.yaml"
-    owners.write_text(yaml.safe_dump(known, sort_keys=False))
+    owners.write_text(yaml.safe_dump(car.owners_file, sort_keys=False))
     return Owned(truth, owners, log)
+
+
+@pytest.fixture(scope="session")
+def owned_truth(owned: Owned) -> Config:
+    """Return the true file of that car."""
+    return owned.truth
+
+
+@pytest.fixture(scope="session")
+def owned_drive(owned: Owned) -> Moments:
+    """Return its drive, read with the true file."""
+    with open_log(owned.log) as reader:
+        return moments(read_series([reader], owned.truth))

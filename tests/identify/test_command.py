@@ -19,10 +19,20 @@ def test_a_drive_and_a_class_make_a_file(dctorque, owned: Owned) -> None:
     assert result["output"] == str(out)
     assert result["before"]["nis"].keys() == result["after"]["nis"].keys()
     assert result["sensitivities"][0]["torques_nm"]
+    assert all(each["seen_s"] < each["needed_s"] and each["keys"] for each in result["missing"])
     assert dctorque("check", out).code == 0
     again = dctorque("identify", owned.owners, *options)
     assert again.code == 1
     assert "exists already" in again.err
+
+
+def test_what_the_drives_lack_is_said(dctorque, owned: Owned) -> None:
+    outcome = dctorque("identify", owned.owners, "--log", owned.log, "--what", "kissing_points")
+    assert outcome.code == 0, outcome.err
+    said = " ".join((outcome.out + outcome.err).split())
+    assert "no launch with clutch 2 in these logs; it would tell clutch_phase.clutch2.kissing_point" in said
+    assert "launch with clutch 1" not in said
+    assert "1 numbers changed" in said
 
 
 def test_a_plan_needs_no_recording(dctorque, owned: Owned) -> None:
@@ -65,3 +75,11 @@ def test_a_short_drive_holds_nothing_out_and_says_so(dctorque, tmp_path) -> None
     assert outcome.code == 0, outcome.err
     assert "nothing was held out" in outcome.out + outcome.err
     assert "nothing written" in outcome.out + outcome.err
+
+
+def test_a_car_that_stands_holds_no_equation(dctorque, tmp_path) -> None:
+    log = tmp_path / "stands.blf"
+    assert dctorque("simulate", "--duration", "1.5", "-o", log).code == 0
+    outcome = dctorque("identify", "paper_car", "--log", log)
+    assert outcome.code == 1
+    assert "no equation of motion holds anywhere" in outcome.err
