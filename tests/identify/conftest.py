@@ -8,7 +8,7 @@ import yaml
 
 from dctorque_can.config.load import Config, load_config
 from dctorque_can.evidence.moments import Moments, moments
-from dctorque_can.evidence.series import read_series
+from dctorque_can.evidence.series import decoded, read_frames
 from dctorque_can.logs.reader import open_log
 from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car, write_log
 from dctorque_can.study.invented_car import invent_car
@@ -55,4 +55,4 @@ def owned_truth(owned: Owned) -> Config:
 def owned_drive(owned: Owned) -> Moments:
     """Return its drive, read with the true file."""
     with open_log(owned.log) as reader:
-        return moments(read_series([reader], owned.truth))
+        return moments(decoded(read_frames([reader], owned.truth), owned.truth))
