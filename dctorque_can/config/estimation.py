@@ -214,11 +214,11 @@ class KalmanSection(Section):
     """Noise of one sample of an input-shaft speed, rad/s."""
     wheel_speed_noise_rad_s: Noise = 0.02
     """Noise of one sample of one wheel speed, rad/s."""
-    wheel_scale_error_share: Annotated[float, Field(ge=0, le=0.2)] = 0.03
+    wheel_scale_error_share: Annotated[float, Field(ge=0, le=0.2)] = 0.005
     """By how much the wheel speeds may lastingly be too large, or too small, for the ratios, as a share."""
     ratio_error_share: Annotated[float, Field(ge=0, le=0.1)] = 0.0003
     """By how much the ratio of each gear may be another one, as a share: brochures round."""
-    delay_error_ms: Annotated[float, Field(ge=0, le=200)] = 10.0
+    delay_error_ms: Annotated[float, Field(ge=0, le=200)] = 3.0
     """By how much wheel speeds may lastingly come later, or sooner, than told, against those of the shafts, ms."""
     timing_error_ms: Annotated[float, Field(ge=0, le=100)] = 0.8
     """From the sample of a speed to its frame, as far as it is unknown, ms."""
