@@ -56,6 +56,7 @@ from dctorque_can.estimators.kalman.noise import (
     engine_variance,
     process_noise,
 )
+from dctorque_can.estimators.kalman.seen import seen, value, variance
 from dctorque_can.estimators.kalman.tuning import SPEEDS
 
 FINEST_US = STEPS_US[-1]
@@ -280,9 +281,9 @@ def _advance(
 
 @compiled_without_allocation
 def measure(f: Any, i: int, z: float, R: float) -> None:
-    """Take one measurement z of x_i with variance R, as its sensor sees it (`arithmetic.seen`)."""
-    a = arithmetic.seen(f, i)
-    e = z - arithmetic.value(f, a)
+    """Take one measurement z of x_i with variance R, as its sensor sees it (`seen`)."""
+    a = seen(f, i)
+    e = z - value(f, a)
     S = arithmetic.take_measurement(f, a, e, R)
     arithmetic.correct_lasting(f, a)
     tape.measured(f, a.i, a.w, a.v, S, e)
@@ -291,13 +292,13 @@ def measure(f: Any, i: int, z: float, R: float) -> None:
 @compiled_without_allocation
 def told(f: Any, i: int) -> float:
     """Return what a sensor of x_i should tell."""
-    return arithmetic.value(f, arithmetic.seen(f, i))
+    return value(f, seen(f, i))
 
 
 @compiled_without_allocation
 def told_variance(f: Any, i: int) -> float:
     """Return the variance of `told`."""
-    return arithmetic.variance(f, arithmetic.seen(f, i))
+    return variance(f, seen(f, i))
 
 
 @compiled_without_allocation
@@ -309,7 +310,7 @@ def measure_open(f: Any, c: int, drag: float, variance: float, lasting: float, r
     deviations do not. It is a "consider" parameter by its sensitivity s (Tapley, Schutz, Born, Statistical Orbit
     Determination, 2004, chapter 6).
     """
-    T, R = arithmetic.seen(f, T_C1 + c), arithmetic.seen(f, R_1 + c)
+    T, R = seen(f, T_C1 + c), seen(f, R_1 + c)
     e = drag - f.x[T.i]
     tape.measured(f, T.i, 0.0, 0.0, arithmetic.weigh(f, T, e, variance), e)
     arithmetic.correct_lasting(f, T)

@@ -9,7 +9,7 @@ Here are its matrices and their exact discretisation on a ladder of steps, all m
     J_w ω̇_w = T_o − T_x                  J_b ω̇_b = T_x − T_v
     Ṫ_x = Σ η i_ti i_fi r_i + D (ω̇_w − ω̇_b) + noise                 Ṫ_ci = r_i
 
-Three states more are in no equation of motion but in what speeds are measured: `SCALED_BY`.
+Four states more are in no equation of motion but in what is measured of the speeds (`seen`).
 
 T_x is what the tyres hand from the driven wheels to the body (undriven wheels turn with it). It carries what the
 clutches' torques change, and damps the driven wheels against the body, by less than a tyre does at any but the

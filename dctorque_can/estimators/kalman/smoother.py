@@ -101,7 +101,7 @@ def clear(a: Any) -> None:
 
 @compiled_without_allocation
 def undo_measurement(tape: Any, a: Any, n: int) -> None:
-    """Λ ← Cᵀ Λ C + a aᵀ/S, λ ← Cᵀ λ − a e/S, with a of `arithmetic.Seen`: few rows and columns of Λ change."""
+    """Λ ← Cᵀ Λ C + a aᵀ/S, λ ← Cᵀ λ − a e/S, with a of `seen.Seen`: few rows and columns of Λ change."""
     i, S = tape.which[n, 0], tape.S[n]
     places, weights = (i, SCALED_BY[i], LATE), (1.0, tape.w[n], tape.v[n])
     along, twice = tape.e[n] / S, 1.0 / S

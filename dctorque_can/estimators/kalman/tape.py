@@ -95,7 +95,7 @@ def predicted(f: Any, model: int, step: int) -> None:
 
 @compiled_without_allocation
 def measured(f: Any, i: int, w: float, v: float, S: float, e: float) -> None:
-    """Write that x_i was measured, w and v of `arithmetic.Seen`, with the gain f.K."""
+    """Write that x_i was measured, w and v of `seen.Seen`, with the gain f.K."""
     n = _next(f.tape, MEASURE)
     if n >= 0:
         f.tape.which[n, 0], f.tape.w[n], f.tape.v[n], f.tape.S[n], f.tape.e[n] = i, w, v, S, e
