@@ -78,8 +78,8 @@ def traffic_truth():
     [
         (LABORATORY, True, (1.0, 1.0, 1.05), (0.8, 0.8)),
         (LABORATORY, False, (1.0, 1.0, 1.1), (0.8, 0.8)),  # while the direction of the launch is not known
-        (PRODUCTION, True, (0.85, 0.85, 1.1), (0.85, 0.9)),
-        (PRODUCTION, False, (0.85, 0.85, 1.1), (0.85, 0.9)),
+        (PRODUCTION, True, (0.85, 0.85, 1.0), (0.85, 0.9)),
+        (PRODUCTION, False, (0.85, 0.85, 1.0), (0.85, 0.9)),
     ],
     ids=["laboratory", "laboratory without sign", "production", "production without sign"],
 )

@@ -56,7 +56,7 @@ from dctorque_can.estimators.kalman.tape import ERRORS, FORGET, MEASURE, PREDICT
     OUTPUT_STIFFNESS,
     ENGINE_TORQUE,  # offset
 ) = range(ERRORS)
-_AGES = 12.0  # timing errors of a vehicle file, which are those of noise: the model lags, too
+_AGES = 20.0  # timing errors of a vehicle file, which are those of noise: how late all are together nobody learns
 _STIFFNESS = 2.0  # shares that a stiffness may be another: mounts and tyres wind up, too
 _OF_STATE = np.full(N, -1, np.int8)  # whose age a measurement of each state has
 _OF_STATE[[W_E, W_C1, W_C2, W_W, W_B]] = AGE_ENGINE, AGE_SHAFTS, AGE_SHAFTS, AGE_DRIVEN, AGE_UNDRIVEN
