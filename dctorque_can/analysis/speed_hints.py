@@ -50,6 +50,19 @@ def _hints(record: np.void) -> Iterator[SpeedHint]:
             f"wheels: {100 * abs(share):.2f} ± {100 * sigma:.2f} % {faster} than shafts and ratios, made up for: "
             f"of road speeds wheel_radius_m is {larger} by that; `dctorque check --log` measures it",
         )
+    for place, share in enumerate(record["gear_ratio_error"]):
+        sigma = float(record["gear_ratio_sigma"][place])
+        if abs(share) > max(LEAST_SHARE, CERTAIN * sigma):
+            faster, larger = ("faster", "larger") if share > 0 else ("slower", "smaller")
+            gear = "R" if place == 0 else str(place - 1)
+            yield SpeedHint(
+                f"vehicle.gears.{gear}.ratio",
+                float(share),
+                sigma,
+                f"gear {gear}: its shaft turns {100 * abs(share):.2f} ± {100 * sigma:.2f} % {faster} than wheels "
+                f"and ratio say, made up for: ratio, or final_drive, is {larger} by that; `dctorque check --log` "
+                "measures it",
+            )
     late, sigma = float(record["wheels_late_s"]), float(record["wheels_late_sigma_s"])
     if abs(late) > max(LEAST_S, CERTAIN * sigma):
         later = "later" if late > 0 else "earlier"

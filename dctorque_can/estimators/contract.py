@@ -74,6 +74,8 @@ ANSWER = np.dtype(
         ("slip", "f8", (2,)),  # rad/s, of what rubs in each; positive when the engine is faster
         ("w_e", "f8"),  # rad/s
         ("w_c", "f8", (2,)),
+        ("wheels_late", "f8"),  # s, by which it has learned that wheels come later than told, against the shafts
+        ("wheels_late_sigma", "f8"),  # … 0: it learns none
     ],
     align=True,
 )

@@ -164,7 +164,7 @@ def take(p: Records, rules: Any, queue: Any, place: int, t_us: int) -> None:
     judge_speeds(core, inputs, rules)
     driving_shaft.give_speed(core.driving_shaft, inputs, rules)
     contract.act(p.chosen, inputs, answer)
-    watch(p.monitor, rules.car, inputs)
+    watch(p.monitor, rules.car, inputs, answer)
     for quantity in range(N_QUANTITIES):
         inputs.fresh[quantity] = False
     if not contract.is_finite(p.chosen):

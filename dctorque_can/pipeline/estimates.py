@@ -8,6 +8,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.driveline.parameters import GEARS
 from dctorque_can.pipeline.samples import N_QUANTITIES
 from dctorque_can.plausibility.findings import N_FINDINGS
 
@@ -115,6 +116,8 @@ HEALTH = np.dtype(
         ("wheel_scale_sigma", "f8"),
         ("wheels_late_s", "f8"),  # … and time that they come later than told, against the shafts
         ("wheels_late_sigma_s", "f8"),
+        ("gear_ratio_error", "f8", (GEARS,)),  # … and share that the ratio of each gear is larger than that of the
+        ("gear_ratio_sigma", "f8", (GEARS,)),  # median of all that have been in, by gear number + 1; 0: not yet
         ("accepted", "u4", (N_QUANTITIES,)),  # samples since the start, likewise below
         ("not_available", "u4", (N_QUANTITIES,)),
         ("out_of_range", "u4", (N_QUANTITIES,)),

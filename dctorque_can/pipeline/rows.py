@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
+from dctorque_can.driveline.parameters import GEARS
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.estimators import contract
 from dctorque_can.estimators.inputs import gears_known, phases_known
@@ -126,6 +127,8 @@ def report(inputs: Any, health: Any, monitor: Any, row: Any) -> None:
     row.engine_torque_lag_error_s = row.engine_torque_lag_sigma_s = 0.0
     row.wheel_scale_error = row.wheel_scale_sigma = 0.0
     row.wheels_late_s = row.wheels_late_sigma_s = 0.0
+    for gear in range(GEARS):
+        row.gear_ratio_error[gear] = row.gear_ratio_sigma[gear] = 0.0
     for quantity in range(N_QUANTITIES):
         row.accepted[quantity] = health.accepted[quantity]
         row.not_available[quantity] = health.not_available[quantity]

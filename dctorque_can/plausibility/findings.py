@@ -29,6 +29,7 @@ class Finding(IntFlag):
     ENGINE_INERTIA = 1 << 17
     ENGINE_TORQUE_OFFSET = 1 << 18
     ROAD_LOAD = 1 << 19
+    WHEELS_LATE = 1 << 20
 
 
 N_FINDINGS = len(Finding)
@@ -185,6 +186,14 @@ def _road_load(grade: float, gear: int) -> str:
     )
 
 
+def _wheels_late(seconds: float, gear: int) -> str:
+    later = "later" if seconds > 0.0 else "earlier"
+    return (
+        f"the wheel speeds come {1e3 * abs(seconds):.0f} ms {later} than told, against those of the shafts: when "
+        "which torque acted is not known. Look at delay_ms of inputs.wheel_speeds and of the shafts"
+    )
+
+
 _SENTENCES: Mapping[Finding, _Words] = {
     Finding.GEAR_RATIO: _gear_ratio,
     Finding.WHEEL_SPEEDS: _wheel_speeds,
@@ -206,6 +215,7 @@ _SENTENCES: Mapping[Finding, _Words] = {
     Finding.ENGINE_INERTIA: _engine_inertia,
     Finding.ENGINE_TORQUE_OFFSET: _torque_offset,
     Finding.ROAD_LOAD: _road_load,
+    Finding.WHEELS_LATE: _wheels_late,
 }
 
 
@@ -244,6 +254,7 @@ _KEYS: Mapping[Finding, str] = {
     Finding.ENGINE_INERTIA: "vehicle.engine_inertia_kgm2",
     Finding.ENGINE_TORQUE_OFFSET: "inputs.engine_torque",
     Finding.ROAD_LOAD: "inputs.engine_torque",
+    Finding.WHEELS_LATE: "inputs.wheel_speeds.fl.delay_ms",
 }
 
 

@@ -11,13 +11,14 @@ from dctorque_can.plausibility.thresholds import DECIDE_EVERY, PERIOD_US
 
 
 @compiled_without_allocation
-def watch(m: Any, car: Any, inputs: Any) -> None:
+def watch(m: Any, car: Any, inputs: Any, answer: Any) -> None:
     """Look at the inputs if it is time to.
 
     Args:
         m: `MONITOR`.
         car: `CAR`.
         inputs: `INPUTS`, as the frame at hand has left them.
+        answer: `ANSWER` of the estimator to it.
     """
     if m.t_us != NEVER and 0 <= inputs.t_us - m.t_us < PERIOD_US:
         return
@@ -35,6 +36,7 @@ def watch(m: Any, car: Any, inputs: Any) -> None:
         speeds.compare_axles(m, car, inputs)
         speeds.judge_ratios(m)
         speeds.judge_axles(m)
+        speeds.judge_delay(m, answer)
         clutches.judge_phases(m)
         torques.judge_idle(m)
         torques.judge_factors(m)

@@ -16,6 +16,8 @@ from dctorque_can.plausibility.thresholds import (
     CERTAIN,
     CORRELATED_S,
     FITS_SHARE,
+    LATE_S,
+    LATE_SIGMA,
     LITTLE_PULL,
     MEMORY_S,
     MISREAD_PART,
@@ -28,11 +30,13 @@ from dctorque_can.plausibility.thresholds import (
     ROLLS_RAD_S,
     SAME_SHARE,
     SLIP_ROLLS_RAD_S,
+    STANDS_ON,
 )
 from dctorque_can.plausibility.verdict import decide
 
 _GEAR_RATIO, _WHEEL_SPEEDS = int(Finding.GEAR_RATIO), int(Finding.WHEEL_SPEEDS)
 _AXLE_SPEEDS, _DRIVEN_AXLE = int(Finding.AXLE_SPEEDS), int(Finding.DRIVEN_AXLE)
+_WHEELS_LATE = int(Finding.WHEELS_LATE)
 _SHAFTS_EXCHANGED, _GEAR_SIGNAL = int(Finding.SHAFTS_EXCHANGED), int(Finding.GEAR_SIGNAL)
 
 
@@ -193,3 +197,12 @@ def judge_axles(m: Any) -> None:
     at_rest = mean_y - slope * mean_x
     size = abs(at_rest)
     decide(m, _AXLE_SPEEDS, at_rest, size > RATIO_SHARE, size > 0.8 * RATIO_SHARE, size > RATIO_SHARE_STRONG)
+
+
+@compiled_without_allocation
+def judge_delay(m: Any, answer: Any) -> None:
+    """Say whether wheels come later, or sooner, than an estimator can make up for that learns by how much."""
+    late, sigma = abs(answer.wheels_late), answer.wheels_late_sigma
+    known = 0.0 < sigma < LATE_SIGMA * late
+    wrong = known and late > LATE_S
+    decide(m, _WHEELS_LATE, answer.wheels_late, wrong, known and late > STANDS_ON * LATE_S, wrong)

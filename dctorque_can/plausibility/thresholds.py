@@ -42,6 +42,12 @@ MISREAD_S = 2.0
 MISREAD_PART = 0.3
 """… as a part of all time in gear."""
 
+LATE_S = 0.03
+"""Delay of the wheels against the shafts, beyond the one that the file has, from which on it is told and torques are
+not valid. Less is made up for without harm; of more, half of it is taken for one of the shafts against the engine."""
+LATE_SIGMA = 0.1
+"""… and the share of it that its standard deviation must be below: it has been measured."""
+
 LITTLE_PULL = 0.1
 """Force of the driven tyres, as a share of the weight, up to which they slip less than 1 %: ratios may then be
 compared with undriven wheels, where no driven one is measured."""

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from dctorque_can.analysis.health import findings
 from dctorque_can.analysis.speed_hints import speed_hints
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.config.load import load_config
+from dctorque_can.pipeline.estimates import Status
 from dctorque_can.pipeline.estimator import Estimator
 from dctorque_can.resources import shipped_config
 from dctorque_can.simulation.drive import mixed_drive, simulate
@@ -19,6 +21,8 @@ WHEELS = {f"inputs.wheel_speeds.{wheel}.delay_ms": "25" for wheel in ("fl", "fr"
 RATIOS = {
     f"vehicle.gears.{n}.ratio": str(gear.ratio * (1.0 + 0.002 * (-1) ** (n // 2))) for n, gear in GEARS.items()
 }
+ONE_RATIO = {"vehicle.gears.3.ratio": str(GEARS[3].ratio * 1.02)}
+MUCH_LATER = dict.fromkeys(WHEELS, "62")
 FINAL_DRIVES = {f"vehicle.gears.{n}.final_drive": str(gear.final_drive * SCALE) for n, gear in GEARS.items()}
 """Other final drives are what another wheel radius is: the wheels do not fit the shafts, in all gears alike."""
 
@@ -51,7 +55,9 @@ def test_a_right_file_has_nothing_to_be_told(right):
     assert abs(health["wheels_late_s"][0]) < 0.003
 
 
-@pytest.mark.parametrize("overrides", [FINAL_DRIVES, RATIOS, WHEELS], ids=["wheels", "ratios", "delays"])
+@pytest.mark.parametrize(
+    "overrides", [FINAL_DRIVES, RATIOS, ONE_RATIO, WHEELS], ids=["wheels", "ratios", "one ratio", "delays"]
+)
 def test_what_is_off_costs_little_and_is_never_sure_and_wrong(drive, right, overrides):
     """Taken for twist it would be 100 to 1000 N·m of the output torque."""
     rows, rms, _ = replayed(drive, overrides)
@@ -74,6 +80,25 @@ def test_wheels_that_come_earlier_than_told_are_told(drive):
     assert hint["key"] == "inputs.wheel_speeds.fl.delay_ms"
     assert hint["measured"] == pytest.approx(-0.023, abs=0.006)  # the messages are 2 ms late
     assert "earlier than told" in hint["says"]
+
+
+def test_a_wrong_ratio_is_told(drive):
+    _, _, health = replayed(drive, ONE_RATIO)
+    (hint,) = speed_hints(health)
+    assert hint["key"] == "vehicle.gears.3.ratio"
+    assert hint["measured"] == pytest.approx(1.0 / 1.02 - 1.0, abs=0.001)
+    assert "gear 3: its shaft turns" in hint["says"]
+    assert "slower" in hint["says"]
+
+
+def test_a_delay_beyond_what_can_be_made_up_for_takes_validity_away(drive):
+    rows, _, health = replayed(drive, MUCH_LATER)
+    (finding,) = findings(health)
+    assert finding["finding"] == "wheels_late"
+    assert finding["torques_not_valid"]
+    assert "ms earlier than told" in finding["says"]
+    late = rows[rows["t_us"] > rows["t_us"][-1] - 60_000_000]
+    assert not np.any(late["status"] & (Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID))
 
 
 def test_what_is_known_exactly_is_not_learned(drive):

@@ -7,7 +7,7 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.estimators.inputs import phase_of, phases_known
-from dctorque_can.estimators.kalman import gearbox, losses, one_gear, tape
+from dctorque_can.estimators.kalman import gearbox, losses, one_gear, ratios, tape
 from dctorque_can.estimators.kalman.engine import torque_error
 from dctorque_can.estimators.kalman.filter import Kalman, told
 from dctorque_can.estimators.kalman.learning import report_noise
@@ -16,7 +16,6 @@ from dctorque_can.estimators.kalman.model import (
     LAG_1,
     LAG_2,
     LATE,
-    SCALE,
     T_V,
     W_B,
     W_C1,
@@ -96,17 +95,11 @@ def report(k: Kalman, row: Any) -> None:
         row.innovation_squares[sensor] = f.squares[sensor]
         row.innovations_rejected[sensor] = f.beyond[sensor]
     report_noise(f, k.tuning[0], row)
-    report_speeds(f, row)
+    ratios.report(f, row)
+    row.wheels_late_s, row.wheels_late_sigma_s = f.x[LATE], math.sqrt(max(f.P[LATE, LATE], 0.0))
     row.engine_torque_gain_error = f.x[GAIN]
     row.engine_torque_gain_sigma = math.sqrt(max(f.P[GAIN, GAIN], 0.0))
     row.engine_torque_lag_error_s = f.x[LAG_1] + f.x[LAG_2]
     row.engine_torque_lag_sigma_s = math.sqrt(
         max(f.P[LAG_1, LAG_1] + 2.0 * f.P[LAG_1, LAG_2] + f.P[LAG_2, LAG_2], 0.0)
     )
-
-
-@compiled_without_allocation
-def report_speeds(f: Any, row: Any) -> None:
-    """Fill what has been learned of the speeds in a health row."""
-    row.wheel_scale_error, row.wheel_scale_sigma = f.x[SCALE], math.sqrt(max(f.P[SCALE, SCALE], 0.0))
-    row.wheels_late_s, row.wheels_late_sigma_s = f.x[LATE], math.sqrt(max(f.P[LATE, LATE], 0.0))

@@ -31,7 +31,6 @@ from dctorque_can.estimators.kalman.model import (
     LAG_2,
     LATE,
     R_1,
-    RATIO_1,
     SCALE,
     STEPS_US,
     T_C1,
@@ -108,6 +107,10 @@ FILTER = np.dtype(
         ("t_us", "i8"),  # time of the state, at most half a finest step from the last frame
         ("gear", "i8", (2,)),
         ("ratio", "f8", (2,)),  # … and their total ratios, 0 in neutral
+        ("ratio_known", "u1", (GEARS,)),  # by gear number + 1: what is known of ratios out of gear (`ratios`)
+        ("ratio_mean", "f8", (GEARS,)),
+        ("ratio_of_scale", "f8", (GEARS,)),
+        ("ratio_variance", "f8", (GEARS,)),
         ("drives", "u1", (2,)),  # direction of the losses
         ("against", "u1", (2,)),  # the shaft turns against the engine: the car rolls against its gear
         ("idle", "u1", (2,)),  # of `contract.INPUTS`
@@ -206,7 +209,6 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.P[SCALE, SCALE] = tuning.scale_error**2
     for i in range(2):
         f.ratio[i] = tuning.ratio[i, f.gear[i] + 1]
-        f.P[RATIO_1 + i, RATIO_1 + i] = tuning.ratio_error**2 if f.gear[i] != 0 else 0.0
     f.lagged[0] = f.lagged[1] = T_en
     for m in range(3):
         f.per_error[m] = 0.0

@@ -10,13 +10,13 @@ from typing import Any
 
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
+from dctorque_can.estimators.kalman import ratios
 from dctorque_can.estimators.kalman.faults import SOONEST
 from dctorque_can.estimators.kalman.filter import forget, measure, measure_open
 from dctorque_can.estimators.kalman.model import (
     DT_E,
     OUTPUT,
     R_1,
-    RATIO_1,
     T_C1,
     T_C2,
     T_V,
@@ -130,8 +130,9 @@ def change_gear(f: Any, tuning: Any, i: int, gear: int) -> None:
 @compiled_without_allocation
 def engage(f: Any, tuning: Any, i: int, gear: int) -> None:
     """Let a gear be in on shaft i, whose ratio has an error of its own."""
+    ratios.remember(f, i)
     f.gear[i], f.ratio[i] = gear, tuning.ratio[i, gear + 1]
-    forget(f, RATIO_1 + i, 0.0, tuning.ratio_error**2 if gear != 0 else 0.0)
+    ratios.recall(f, tuning, i)
 
 
 @compiled_without_allocation

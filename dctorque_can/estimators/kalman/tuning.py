@@ -14,6 +14,7 @@ from dctorque_can.estimators.kalman.model import GAIN_SHARE, arms, lasting_error
 from dctorque_can.estimators.kalman.tape import ERRORS
 
 LEAST_NOISE = 0.25  # of a configured variance, beside its resolution: sensors may have half the noise
+RATIO_AGAIN = 0.0003  # share by which a ratio is another one the next time: the gear has not changed, its load has
 OPEN_RATE = 50.0  # N·m/s, of an open clutch's torque
 SPEEDS = 7  # engine, both input shafts, each wheel for itself
 SLIDING = 12.0  # rad/s of slip from which friction neither locks nor turns, late and noisy as the speeds are
@@ -50,7 +51,8 @@ TUNING = np.dtype(
         ("engine_error", "f8"),  # N·m, at no torque
         ("engine_share", "f8"),  # … and by how much it grows with the torque, beside
         ("scale_error", "f8"),  # share by which all wheels, and each ratio, lastingly are others than told
-        ("ratio_error", "f8"),
+        ("ratio_error", "f8"),  # … of a gear that has not been in yet
+        ("ratio_again", "f8"),  # … by how much it may be another one when its gear is in once more
         ("delay_error", "f8"),  # s
         ("gain_error", "f8"),  # … the share of the torque that it lastingly is
         ("lag_error", "f8"),  # s
@@ -126,6 +128,7 @@ def tuning(vehicle: Vehicle, design: KalmanDesign) -> NDArray[np.void]:
     t["engine_share"] = math.sqrt(1.0 - GAIN_SHARE) * design.engine_torque_error_share
     t["gain_error"], t["lag_error"] = lasting_errors(design)
     t["scale_error"], t["ratio_error"] = design.wheel_scale_error_share, design.ratio_error_share
+    t["ratio_again"] = min(RATIO_AGAIN, design.ratio_error_share)
     t["delay_error"] = design.delay_error_s
     t["engine_lag"] = design.engine_torque_lag_s
     t["engine_delay"] = design.engine_torque_delay_s / vehicle.engine_inertia_kgm2
