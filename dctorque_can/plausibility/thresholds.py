@@ -43,8 +43,8 @@ MISREAD_PART = 0.3
 """… as a part of all time in gear."""
 
 LATE_S = 0.03
-"""Delay of the wheels against the shafts, beyond the one that the file has, from which on it is told and torques are
-not valid. Less is made up for without harm; of more, half of it is taken for one of the shafts against the engine."""
+"""Delay of the wheels against the shafts, beyond the one that the file has, from which on it is told and torques
+are not valid. Less is made up for without harm; of more, half is taken for one of shafts against the engine."""
 LATE_SIGMA = 0.1
 """… and the share of it that its standard deviation must be below: it has been measured."""
 

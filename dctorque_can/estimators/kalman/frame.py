@@ -65,6 +65,7 @@ def start(k: Kalman, answer: Any) -> None:
     f = k.state[0]
     kalman.start(f, k.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
     f.running = False
+    f.gear[0] = f.gear[1] = 0  # of what was in nothing is known any more (`ratios.remember`)
     f.w_c[0] = f.w_c[1] = 0.0
     give_answer(k, answer)
 

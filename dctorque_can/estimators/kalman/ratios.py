@@ -1,8 +1,8 @@
 """What the filter has learned of the ratio of each gear, kept until the gear is in again.
 
-The state has room for the gear that is in on each shaft. What was learned of a ratio says nothing of another gear's,
-but it holds when the same gear is in again. Wheels and ratios are told apart in part only: so what is kept is how the
-error of the ratio follows that of the wheels' scale, and what is known of it beside that.
+The state has room for the gear that is in on each shaft. What was learned of a ratio says nothing of another
+gear's, but it holds when the same gear is in again. Wheels and ratios are told apart in part only: so what is kept
+is how the error of the ratio follows that of the wheels' scale, and what is known of it beside that.
 """
 
 from __future__ import annotations

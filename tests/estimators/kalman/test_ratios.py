@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from dctorque_can.estimators.contract import ANSWER
 from dctorque_can.estimators.kalman import filter as kalman
-from dctorque_can.estimators.kalman import gearbox, ratios
+from dctorque_can.estimators.kalman import frame, gearbox, ratios
 from dctorque_can.estimators.kalman.model import RATIO_1, RATIO_2, SCALE
 from dctorque_can.pipeline.estimates import HEALTH
 
@@ -85,6 +86,18 @@ def test_what_is_no_number_is_not_kept(running):
     f["x"][RATIO_1] = np.nan
     ratios.remember(f, 0)
     assert not f["ratio_known"].any()
+
+
+def test_of_a_state_that_was_no_number_nothing_is_kept():
+    """A new start after it knows nothing of the gear that was in, which is not to be surer than the file."""
+    k = kalman.new(VEHICLE, DESIGN)
+    f, tuning = k.state[0], k.tuning[0]
+    kalman.start(f, tuning, 150.0, 150.0, 150.0, 20.0, 50.0)
+    gearbox.engage(f, tuning, 0, 3)
+    f["x"][:] = np.nan
+    frame.start(k, np.zeros(1, ANSWER)[0])
+    gearbox.engage(f, tuning, 0, 3)
+    assert f["P"][RATIO_1, RATIO_1] == pytest.approx(DESIGN.ratio_error_share**2)
 
 
 def health_of(f):
