@@ -73,12 +73,15 @@ def run(
         print_json(summary.as_json())
     else:
         _show(summary)
+    for line in summary.missing:
+        warn(line)
     if summary.frames:
         from dctorque_can.analysis.health import doubts
 
         for doubt in doubts(summary.never_received, summary.estimates, summary.valid_estimates):
             warn(doubt)
-    if not summary.complete:
+    in_vain = duration is not None and not prepared.stopped and summary.missing and not summary.estimates
+    if not summary.complete or in_vain:
         raise typer.Exit(ExitCode.INCOMPLETE)
 
 

@@ -10,22 +10,22 @@ from dataclasses import dataclass
 import can
 
 from dctorque_can.daemon.background import finished, in_background, settle
+from dctorque_can.daemon.error_frames import ErrorFrames
 from dctorque_can.daemon.opening import BusError, DamagedLineError, open_bus, reason
 from dctorque_can.daemon.reception import NOTHING, Receiver, receiver_of
 from dctorque_can.daemon.sender import Sender, is_full
+from dctorque_can.daemon.silence import SilenceWatch, nothing_came
 from dctorque_can.daemon.socketcan import MOST
-from dctorque_can.pipeline.frames import FrameFlag, Frames
+from dctorque_can.pipeline.frames import Frames
 
 __all__ = ["BusError", "BusLink", "LinkCounts", "open_bus"]  # all that one needs for a bus
 
 FIRST_BACKOFF_S = 0.1
 LONGEST_BACKOFF_S = 5.0
-SILENCE_S = 2.0  # without a frame on a bus that had some: told
 OPEN_S = 10.0
 CLOSE_S = 0.5
 REFUSAL_S = 1.0  # without any frame that could be sent: told
 REST_S = 0.001  # from one look at a busy bus to the next: what comes meanwhile is taken together
-BUS_OFF = 0x40  # in the identifier of a SocketCAN error frame (linux/can/error.h)
 
 
 @dataclass
@@ -39,7 +39,7 @@ class LinkCounts:
         dropped: messages that the kernel dropped because they were not fetched in time, where it says so.
         damaged: what an interface received and could not read as a message.
         lost: times the bus went away (down, removed, closed by its server).
-        silences: times a bus that had given frames gave none for `SILENCE_S`.
+        silences: times a bus that had given frames gave none for `daemon.silence.SILENCE_S`.
         reconnects: times it came back.
         sent: messages handed to the bus.
         send_failures: messages that the bus did not take.
@@ -84,13 +84,18 @@ class BusLink:
         self._lost_by_sending = False
         self._refused_s: float | None = None  # since when the bus takes no frame
         self._refusal_told = False
-        self._heard_s: float | None = None  # None: this bus has not given anything yet
-        self._silent = False
+        self._silence = SilenceWatch(tell)
+        self._error_frames = ErrorFrames(tell)
 
     @property
     def up(self) -> bool:
         """Whether the bus is open."""
         return self._bus is not None
+
+    @property
+    def mute(self) -> str | None:
+        """What to look at, while nothing has come of the bus for long enough."""
+        return nothing_came(self._name(), self.counts.error_frames) if self.up and self._silence.mute else None
 
     @property
     def file_number(self) -> int:
@@ -144,26 +149,25 @@ class BusLink:
         except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
             self._lose(error, sending=False)
             return NOTHING
-        if not len(frames):
-            self._watch_silence()
-            return frames
-        self._count(frames)
+        if len(frames):
+            self._count(frames)
+        else:
+            self._quiet(time.monotonic())
         return frames
 
     def _count(self, frames: Frames) -> None:
         now_s = time.monotonic()
-        self._hear(now_s)
         self._look_again_s = now_s + REST_S if len(frames) < MOST else now_s
         if not self._lost_by_sending:
             self._backoff_s = FIRST_BACKOFF_S
         self.counts.received += len(frames)
-        if max(frames.flags.tobytes()) >= FrameFlag.ERROR:  # most batches have no flags at all
-            errors = frames.can_id[(frames.flags & FrameFlag.ERROR) != 0]
-            bus_offs = int(((errors & BUS_OFF) != 0).sum())
-            self.counts.error_frames += len(errors)
-            self.counts.bus_offs += bus_offs
-            for _ in range(bus_offs):
-                self._tell(True, "bus-off: the controller has left the bus")
+        errors, bus_offs = self._error_frames.take(frames, now_s, self._name())
+        self.counts.error_frames += errors
+        self.counts.bus_offs += bus_offs
+        if errors < len(frames):
+            self._silence.heard(now_s, self._name())
+        else:
+            self._quiet(now_s)
         if self._receiver is not None and self._receiver.dropped != self._dropped:
             self._count_dropped(self._receiver.dropped)
 
@@ -237,19 +241,8 @@ class BusLink:
             self._refusal_told = True
             self._tell(True, f"no frame could be sent for {REFUSAL_S:g} s on {self._name()}: {reason(error)}")
 
-    def _hear(self, now_s: float) -> None:
-        if self._silent and self._heard_s is not None:
-            self._silent = False
-            self._tell(False, f"frames again after {now_s - self._heard_s:.1f} s on {self._name()}")
-        self._heard_s = now_s
-
-    def _watch_silence(self) -> None:
-        """Tell a silence once. The bus stays open: a car that is switched off is silent too."""
-        if self._silent or self._heard_s is None or time.monotonic() - self._heard_s < SILENCE_S:
-            return
-        self._silent = True
-        self.counts.silences += 1
-        self._tell(False, f"no frame for {SILENCE_S:g} s on {self._name()}")
+    def _quiet(self, now_s: float) -> None:
+        self.counts.silences += self._silence.quiet(now_s, self._name(), self.counts.error_frames)
 
     def _name(self) -> str:
         assert self._bus is not None
@@ -310,8 +303,7 @@ class BusLink:
             self._retry_later()
             return False
         self.counts.reconnects += 1
-        if self._heard_s is not None:
-            self._heard_s, self._silent = time.monotonic(), False
+        self._silence.opened_again(time.monotonic())
         self._tell(False, "the bus is open again")
         return True
 

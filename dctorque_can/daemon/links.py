@@ -72,6 +72,17 @@ class BusLinks:
         """Names of the buses that are not open."""
         return [bus.name for bus, link in zip(self.buses, self.links, strict=True) if not link.up]
 
+    @property
+    def mute(self) -> list[str]:
+        """Of each bus of which nothing has come: that it is away, or what to look at."""
+        texts = []
+        for bus, link in zip(self.buses, self.links, strict=True):
+            if not link.up and not link.counts.received:
+                texts.append(f"{bus.name} is not there")
+            elif (text := link.mute) is not None:
+                texts.append(text)
+        return texts
+
     def open(self, given_up: Callable[[], bool], wait: bool) -> None:
         """Open all buses for the first time.
 

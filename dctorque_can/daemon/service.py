@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.origins import OriginWatch
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.traffic import MappedMessage
 from dctorque_can.analysis.transmission import TransmissionFigures
 from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.bus.output import OutputEncoder
@@ -32,6 +33,7 @@ from dctorque_can.daemon.map_keeper import MapKeeper
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
 from dctorque_can.daemon.systemd import Systemd
+from dctorque_can.daemon.traffic_watch import TrafficWatch
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE
@@ -59,6 +61,8 @@ class Summary:
         status_time: the same as shares of the time.
         transmission: the driving clutch against the transmission's own torque, see `TransmissionFigures`.
         never_received: mapped inputs of which no usable value came.
+        missing: what did not come at all, in sentences: frames of a bus, or any that is mapped. Only of a run that
+            was long enough to say so.
         published: frames sent.
         refused_ids: identifiers that someone else uses.
         clock_steps: times the clock of the frames was set.
@@ -78,6 +82,7 @@ class Summary:
     status_time: dict[str, float]
     transmission: dict[str, float] | None
     never_received: list[str]
+    missing: list[str]
     published: int
     refused_ids: list[int]
     clock_steps: int
@@ -136,7 +141,10 @@ class Service:
         self._links = BusLinks(list(named), self._tell)
         self._out = numbers.index(config.output.channel)
         listens = len(config.buses) > 1 or any(not address.mask & SOURCE for address in config.addresses.values())
-        self._origins = OriginWatch(read_addresses(config.database, config.inputs, config.addresses))
+        mapped = read_addresses(config.database, config.inputs, config.addresses)
+        self._origins = OriginWatch(mapped)
+        messages = [MappedMessage(*key, message.length, message.length) for key, message in mapped.items()]
+        self._traffic = TrafficWatch(messages, self._tell)
         self._watches_origins = listens
         self._origins_due_s: float | None = None
         self._log = None if plan is None else LogProcess(plan, config.documents | self._maps.documents)
@@ -150,6 +158,7 @@ class Service:
         self._rotate = False
         self._t_us: int | None = None
         self._were_up: list[bool] = []
+        self._mute: list[str] = []
         self._status = StatusShares()
         told = {given.quantity for given in config.inputs}
         self._transmission = TransmissionFigures() if Quantity.TRANSMISSION_TORQUE in told else None
@@ -217,6 +226,7 @@ class Service:
         finally:
             self._systemd.stopping()
             self._were_up = [link.up for link in self._links.links]
+            self._mute = self._links.mute
             self._links.close()
             self.finishing = True
             self._maps.close()
@@ -233,11 +243,13 @@ class Service:
         self._mark_own(frames)
         self.received += len(frames)
         self._t_us = int(frames.t_us[-1])
-        self._clock.look(frames.t_us, time.monotonic())
+        now_s = time.monotonic()
+        self._clock.look(frames.t_us, now_s)
+        self._traffic.take(frames, now_s)
         if self._publisher is not None:
             self._publisher.hear(frames, None if len(self._links.buses) == 1 else self._number)
         if self._watches_origins and self._origins.take(frames) and self._origins_due_s is None:
-            self._origins_due_s = time.monotonic() + ORIGINS_S
+            self._origins_due_s = now_s + ORIGINS_S
         estimates = self._chain.feed(frames)
         if len(estimates):
             self._status.count(estimates.rows["t_us"], estimates.rows["status"])
@@ -285,14 +297,21 @@ class Service:
             if self._patient:
                 self._recorder.wait_for_room(PATIENT_BYTES)
         self._maps.keep_time(now_s)
+        self._traffic.keep_time(now_s)
         if self._origins_due_s is not None and now_s >= self._origins_due_s:
             self._origins_due_s = None
             for line in self._origins.news():
                 self._tell(True, line)
         self._pass_on_news()
-        away = self._links.away
-        state = f"waiting for {' and '.join(away)}" if away else "estimating"
-        self._systemd.keep_time(now_s, self.received, state)
+        self._systemd.keep_time(now_s, self.received, self._state())
+
+    def _state(self) -> str:
+        """Return in a few words what the service does at the moment."""
+        if away := self._links.away:
+            return f"waiting for {' and '.join(away)}"
+        if self._traffic.mapped:
+            return "estimating"
+        return "no mapped frame yet" if self.received else "no frame yet"
 
     def _tell(self, is_error: bool, text: str) -> None:
         self._news.append((is_error, text))
@@ -337,6 +356,7 @@ class Service:
             status_time=self._status.time_as_json(),
             transmission=self._transmission.as_json() if self._transmission is not None else None,
             never_received=never_received(self._config.inputs, self._chain.health),
+            missing=[*self._mute, *(self._traffic.lines() if self._traffic.told else ())],
             published=self._links.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
             clock_steps=self._clock.steps,
