@@ -72,7 +72,10 @@ def run(
     if as_json:
         print_json(summary.as_json())
     else:
-        _show(summary)
+        from dctorque_can.report.run_lines import run_lines
+
+        for line in run_lines(summary.as_json()):
+            say(line)
     for line in summary.missing:
         warn(line)
     if summary.frames:
@@ -118,50 +121,3 @@ def _tell(is_error: bool, text: str) -> None:
         fail(text)
     else:
         say(text)
-
-
-def _show(summary: Summary) -> None:
-    from dctorque_can.report.clutch_map_lines import map_lines
-    from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
-
-    log = summary.log
-    say(
-        f"{summary.seconds:.1f} s: {summary.frames} frames in, {summary.estimates} estimates, "
-        f"{summary.published} frames out"
-        + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
-    )
-    for line in status_lines(summary.status, summary.status_time) if summary.estimates else ():
-        say(line)
-    if summary.transmission is not None:
-        say(transmission_line(summary.transmission))
-    for line in finding_lines(summary.health["findings"]):
-        say(line)
-    for line in hint_lines(summary.health["hints"]):
-        say(line)
-    for line in map_lines(summary.clutch_map):
-        say(line)
-    several = len(summary.buses) > 1
-    for bus in summary.buses:
-        if several or any(bus[name] for name in ("lost", "send_failures", "error_frames", "damaged", "dropped")):
-            state = "" if bus["open"] else "not there at the end, "
-            frames = f"{bus['received']} frames, " if several else ""
-            say(
-                f"{bus['name'] if several else 'bus'}: {frames}{state}lost {bus['lost']} times, "
-                f"back {bus['reconnects']} times, {bus['error_frames']} error frames, {bus['bus_offs']} bus-offs, "
-                f"{bus['dropped']} frames not fetched in time, {bus['damaged']} damaged lines, "
-                f"{bus['send_failures']} frames not sent"
-            )
-    if summary.clock_steps:
-        say(f"clock: the time of the frames was set {summary.clock_steps} times")
-    faults = {name: count for name, count in summary.health.items() if count and name not in ("findings", "hints")}
-    if faults:
-        say("health: " + ", ".join(f"{name} {_shown(count)}" for name, count in faults.items()))
-    if log is not None:
-        paths = ", ".join(str(path) for path in log.paths)
-        say(f"log: {log.written} frames in {paths}" + (f"; {log.dropped} frames missing" if log.dropped else ""))
-
-
-def _shown(count: object) -> str:
-    if isinstance(count, dict):
-        return "(" + ", ".join(f"{name} {number}" for name, number in count.items()) + ")"
-    return str(count)

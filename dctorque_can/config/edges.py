@@ -66,6 +66,8 @@ class OutputSection(Section):
     """Message name to arbitration id, instead of the DBC's; ids above 0x7FF are extended (29 bit)."""
     channel: ChannelNumber | None = None
     """Number of the bus that they are sent on, of several under `can`; default: the first one."""
+    foreign_silence_s: Annotated[float, Field(ge=0.5, le=86_400)] | None = 5.0
+    """Send again on an id once nobody else was heard on it for so long, s; null: not before the next start."""
 
 
 class LoggingSection(Section):
@@ -124,6 +126,7 @@ class OutputSettings:
         database: the messages to be sent.
         ids: message name to arbitration id, where it differs from the DBC; above 0x7FF extended.
         channel: number of the bus that they are sent on.
+        foreign_silence_s: how long nobody else must have been heard on an identifier; None: for ever.
     """
 
     enabled: bool
@@ -131,3 +134,4 @@ class OutputSettings:
     database: Database
     ids: dict[str, int]
     channel: int
+    foreign_silence_s: float | None

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
 
 import can
 import numpy as np
@@ -24,14 +23,16 @@ from dctorque_can.config.edges import CanSection
 from dctorque_can.config.load import Config
 from dctorque_can.daemon import socketcan
 from dctorque_can.daemon.clock_watch import ClockWatch
+from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
-from dctorque_can.daemon.link import LinkCounts
 from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.log_plan import LogPlan
-from dctorque_can.daemon.log_process import LogCounts, LogProcess
+from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.map_keeper import MapKeeper
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.stalls import StallWatch
+from dctorque_can.daemon.summary import Summary
 from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.daemon.traffic_watch import TrafficWatch
 from dctorque_can.logs.mcap.layout import EventLevel
@@ -40,69 +41,12 @@ from dctorque_can.pipeline.estimates import ESTIMATE
 from dctorque_can.pipeline.frames import SOURCE, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Quantity
 
+__all__ = ["Service", "Summary"]  # all that one needs for a run
+
 RECEIVE_TIMEOUT_S = 0.1
 SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 PATIENT_BYTES = 1 << 20
 ORIGINS_S = 2.0  # what messages come from several places is gathered for so long, and told together
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a run of the service did.
-
-    Attributes:
-        seconds: from ready to stop.
-        cpu_share: processor time of the service's thread over ``seconds``, None when that is below `SHARE_S`; the
-            log writer is another process.
-        frames: received.
-        estimates: given.
-        valid_estimates: of these, with both clutch torques valid.
-        status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
-        status_time: the same as shares of the time.
-        transmission: the driving clutch against the transmission's own torque, see `TransmissionFigures`.
-        never_received: mapped inputs of which no usable value came.
-        missing: what did not come at all, in sentences: frames of a bus, or any that is mapped. Only of a run that
-            was long enough to say so.
-        published: frames sent.
-        refused_ids: identifiers that someone else uses.
-        clock_steps: times the clock of the frames was set.
-        link: counters of the wire, of all buses together.
-        buses: each bus: its name, the number of its channel, whether it was open at the end, its counters.
-        log: counters of the log, or None without one.
-        health: counters of the estimator, see `health_counts`.
-        clutch_map: what was learned of the clutches by the end, None when they are not learned.
-    """
-
-    seconds: float
-    cpu_share: float | None
-    frames: int
-    estimates: int
-    valid_estimates: int
-    status: dict[str, float]
-    status_time: dict[str, float]
-    transmission: dict[str, float] | None
-    never_received: list[str]
-    missing: list[str]
-    published: int
-    refused_ids: list[int]
-    clock_steps: int
-    link: LinkCounts
-    buses: list[dict[str, Any]]
-    log: LogCounts | None
-    health: dict[str, Any]
-    clutch_map: dict[str, Any] | None = None
-
-    @property
-    def complete(self) -> bool:
-        """Whether every received frame is in the log (or no log was wanted)."""
-        return self.log is None or (self.log.dropped == 0 and not self.log.failures)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the summary for scripts."""
-        result = asdict(self)
-        if self.log is not None:
-            result["log"]["paths"] = [str(path) for path in self.log.paths]
-        return result
 
 
 class Service:
@@ -151,6 +95,7 @@ class Service:
         self._recorder: Recorder | None = None
         self._publisher = self._make_publisher()
         self._clock = ClockWatch(config.settings.max_step_back_us, self._tell)
+        self._stalls = StallWatch(self._tell)
         self._systemd = Systemd()
         self._stop = False
         self.compiling = False
@@ -218,8 +163,9 @@ class Service:
             now_s = began_s
             while not self._stop and now_s < until_s:
                 frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
+                late = self._stalls.look(time.monotonic(), len(frames))
                 if len(frames):
-                    self._take(frames)
+                    self._take(frames, late)
                 now_s = time.monotonic()
                 self._keep_time(now_s)
             seconds, cpu_s = now_s - began_s, time.thread_time() - began_cpu_s
@@ -238,8 +184,8 @@ class Service:
                 self._pass_on_news()
         return self._summary(seconds, cpu_s)
 
-    def _take(self, frames: Frames) -> None:
-        """Do the whole job for a few frames."""
+    def _take(self, frames: Frames, late: bool) -> None:
+        """Do the whole job for a few frames; of ``late`` ones nothing is sent."""
         self._mark_own(frames)
         self.received += len(frames)
         self._t_us = int(frames.t_us[-1])
@@ -260,7 +206,7 @@ class Service:
             self._give_maps(maps)
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
-            sent = self._publisher.publish(estimates.rows)
+            sent = self._publisher.publish(estimates.rows, late)
         if self._recorder is not None:
             self._recorder.frames(frames)
             self._recorder.estimates(estimates)
@@ -303,15 +249,23 @@ class Service:
             for line in self._origins.news():
                 self._tell(True, line)
         self._pass_on_news()
-        self._systemd.keep_time(now_s, self.received, self._state())
+        self._systemd.keep_time(now_s, self.received, self._state)
 
     def _state(self) -> str:
         """Return in a few words what the service does at the moment."""
         if away := self._links.away:
             return f"waiting for {' and '.join(away)}"
         if self._traffic.mapped:
-            return "estimating"
+            return "estimating" + self._output_state()
         return "no mapped frame yet" if self.received else "no frame yet"
+
+    def _output_state(self) -> str:
+        if self._publisher is None:
+            return ""
+        jitter_ms, refused = self._publisher.worst_jitter_ms, shown(sorted(self._publisher.refused))
+        return ("" if jitter_ms is None else f", cycle jitter {jitter_ms:.1f} ms") + (
+            f", {refused} refused (someone else sends there)" if refused else ""
+        )
 
     def _tell(self, is_error: bool, text: str) -> None:
         self._news.append((is_error, text))
@@ -340,7 +294,8 @@ class Service:
         if not self._config.output.enabled:
             return None
         link = self._links.links[self._out]
-        return Publisher(self._output_encoder(), link, self._tell, self._maps.encoder())
+        silence_s = self._config.output.foreign_silence_s
+        return Publisher(self._output_encoder(), link, self._tell, self._maps.encoder(), silence_s)
 
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)
@@ -359,6 +314,8 @@ class Service:
             missing=[*self._mute, *(self._traffic.lines() if self._traffic.told else ())],
             published=self._links.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
+            output=self._publisher.as_json() if self._publisher is not None else None,
+            stalls={"count": self._stalls.count, "longest_s": round(self._stalls.longest_s, 3)},
             clock_steps=self._clock.steps,
             link=self._links.counts,
             buses=[

@@ -66,7 +66,7 @@ def nothing_came(name: str, error_frames: int) -> str:
     """Return that nothing came on a bus, and where to look."""
     if error_frames:
         return (
-            f"nothing but {error_frames} error frames for {SILENCE_S:g} s on {name}: does the bit rate fit? Is the "
-            "bus terminated (60 Ω between CAN high and low)?"
+            f"nothing but {error_frames} error frames for {SILENCE_S:g} s on {name}: does the bit rate fit? Is "
+            "the bus terminated (60 Ω between CAN high and low)?"
         )
     return f"no frame at all for {SILENCE_S:g} s on {name}: {WHERE_TO_LOOK}"
