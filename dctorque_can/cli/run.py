@@ -44,6 +44,9 @@ def run(
     wait: Annotated[
         bool, typer.Option("--wait", help="Wait for a bus that is not there yet, instead of giving up.")
     ] = False,
+    listen_only: Annotated[
+        bool, typer.Option("--listen-only", help="Send nothing on any bus, whatever the vehicle file says.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate live: receive, estimate, send (when the configuration enables the output) and log.
@@ -60,6 +63,8 @@ def run(
         raise typer.BadParameter(f"{log}: the log is an MCAP; end its name in .mcap", param_hint="--log")
     try:
         loaded = configuration.load(path, settings, interface, channel)
+        if listen_only:
+            loaded = loaded.listening_only()
         prepared = _prepare(loaded, log, no_log, force)
     except KeyboardInterrupt:  # from here on signals stop the service
         say("stopped before it began")
@@ -101,7 +106,9 @@ def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Ser
         refuse_existing(log, [], force)
     wanted = not no_log and (log is not None or config.logging.enabled)
     plan = plan_for(config, log) if wanted else None
-    return Service(config, [partial(open_bus, bus.arguments()) for bus in config.buses], plan, _tell)
+    return Service(
+        config, [partial(open_bus, bus.arguments(), bus.listen_only) for bus in config.buses], plan, _tell
+    )
 
 
 def _serve(config: Config, service: Service, duration: float | None, wait: bool) -> Summary:
@@ -113,6 +120,8 @@ def _serve(config: Config, service: Service, duration: float | None, wait: bool)
         compiling_is_over()
         if not service.stopped:
             say(f"{config.name}: estimating on {' and '.join(map(str, config.buses))}; Ctrl-C stops")
+            if silent := [str(bus) for bus in config.buses if bus.listen_only]:
+                say(f"only listening to {' and '.join(silent)}")
         return service.run(duration)
 
 

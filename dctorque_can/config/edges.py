@@ -35,6 +35,8 @@ class CanSection(Section):
     """Bit rate of the data phase of CAN FD, 1/s."""
     receive_own_messages: bool = False
     """Also receive what this node sends (never used for estimates, but logged)."""
+    listen_only: bool = False
+    """Never send on this bus; adapters that can are told not even to acknowledge."""
     options: dict[str, Any] = Field(default_factory=dict)
     """Further arguments of python-can's Bus for this interface, passed as they are."""
 
@@ -47,7 +49,8 @@ class CanSection(Section):
 
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of ``can.Bus``; what was not given is left to the interface."""
-        given = {name: value for name, value in dict(self).items() if name not in ("options", "fd", "number")}
+        ours = ("options", "fd", "number", "listen_only")
+        given = {name: value for name, value in dict(self).items() if name not in ours}
         arguments = {name: value for name, value in given.items() if value is not None}
         return arguments | ({"fd": True} if self.fd else {}) | self.options
 

@@ -66,10 +66,14 @@ class BusLink:
     Args:
         connect: opens the bus, e.g. a partial of `open_bus`.
         tell: is told what happens, in one line: ``tell(is_error, text)``.
+        listen_only: send nothing, ever: there is not even a `Sender`.
     """
 
-    def __init__(self, connect: Callable[[], can.BusABC], tell: Callable[[bool, str], None]) -> None:
+    def __init__(
+        self, connect: Callable[[], can.BusABC], tell: Callable[[bool, str], None], listen_only: bool = False
+    ) -> None:
         self.counts = LinkCounts()
+        self._listen_only = listen_only
         self._connect = connect
         self._tell = tell
         self._bus: can.BusABC | None = None
@@ -183,7 +187,7 @@ class BusLink:
     def send(self, message: can.Message) -> bool:
         """Send; false when the bus does not take it. A bus that blocks is not waited for."""
         self._take_late_error()
-        if self._bus is None and not self._reopen(0.0):
+        if self._listen_only or (self._bus is None and not self._reopen(0.0)):
             self.counts.send_failures += 1
             return False
         assert self._sender is not None
@@ -286,7 +290,7 @@ class BusLink:
         except Exception as error:
             raise BusError(f"the bus cannot be opened: {reason(error)}") from error
         self._receiver, self._dropped = receiver_of(self._bus), 0
-        self._sender = Sender(self._bus)
+        self._sender = None if self._listen_only else Sender(self._bus)
 
     def _reopen(self, timeout_s: float) -> bool:
         if self._opening is None:

@@ -30,11 +30,13 @@ class NamedBus:
         name: for people.
         number: of its channel.
         connect: opens it.
+        listen_only: nothing may be sent on it.
     """
 
     name: str
     number: int
     connect: Callable[[], can.BusABC]
+    listen_only: bool = False
 
 
 class BusLinks:
@@ -54,7 +56,9 @@ class BusLinks:
         self.buses = tuple(buses)
         self._tell = tell
         several = len(buses) > 1
-        self.links = [BusLink(bus.connect, _named(bus.name, tell) if several else tell) for bus in buses]
+        self.links = [
+            BusLink(bus.connect, _named(bus.name, tell) if several else tell, bus.listen_only) for bus in buses
+        ]
         self._held = NOTHING
         self._look_again_s = 0.0
         self._offsets_us: list[int | None] = [None] * len(buses)  # time of the frames less the steady clock

@@ -12,6 +12,7 @@ from typing import Any
 import can
 from can.interfaces import BACKENDS
 
+from dctorque_can.daemon.listening import forbid_sending, listening
 from dctorque_can.daemon.spin import raise_on_spin
 from dctorque_can.daemon.steady_recv import receive_by_steady_clock
 from dctorque_can.errors import DctorqueError
@@ -29,11 +30,12 @@ class DamagedLineError(can.CanError):
     """An interface received what is no frame; the next one may be whole."""
 
 
-def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
+def open_bus(arguments: Mapping[str, Any], listen_only: bool = False) -> can.BusABC:
     """Open a python-can bus.
 
     Args:
         arguments: of ``can.Bus``, with ``interface`` and ``channel``.
+        listen_only: nothing can be sent on it, and the hardware is silent where python-can can ask it to be.
 
     Raises:
         BusError: there is no such interface or channel, or it is down, or its driver is missing.
@@ -41,6 +43,8 @@ def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
     interface, channel = arguments["interface"], arguments["channel"]
     if interface == "virtual":  # otherwise frames of a simulation would be stamped anew
         arguments = {"preserve_timestamps": True} | dict(arguments)
+    if listen_only:
+        arguments = listening(arguments)
     BACKENDS["slcan"] = STURDY_SLCAN  # can.Bus imports it when it is wanted: not everybody has pyserial
     try:
         if interface == "socketcand":
@@ -56,6 +60,8 @@ def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
     except OSError as error:
         bus.shutdown()
         raise BusError(f"{interface}:{channel} cannot be used: {reason(error)}{_hint(error, channel)}") from error
+    if listen_only:
+        forbid_sending(bus)
     raise_on_spin(bus)
     receive_by_steady_clock(bus)
     return bus

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 HEADROOM = 2.0  # times the frames that the cycles ask for
-BURST_S = 1.0  # that may be sent at once after a pause
+BURST_S = 5.0  # that may be sent at once: what is played faster than in real time is no clock that jumps
 
 
 class SendRate:

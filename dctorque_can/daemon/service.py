@@ -26,6 +26,7 @@ from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
 from dctorque_can.daemon.links import BusLinks, NamedBus
+from dctorque_can.daemon.listening import remark
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.map_keeper import MapKeeper
@@ -81,8 +82,11 @@ class Service:
         self._maps = MapKeeper(config, self._tell)
         self._chain = Chain(config, maps=self._maps.maps)
         numbers = [bus.number or 0 for bus in config.buses]
-        named = map(NamedBus, map(str, config.buses), numbers, connects)
-        self._links = BusLinks(list(named), self._tell)
+        named = [
+            NamedBus(str(bus), number, connect, bus.listen_only)
+            for bus, number, connect in zip(config.buses, numbers, connects, strict=True)
+        ]
+        self._links = BusLinks(named, self._tell)
         self._out = numbers.index(config.output.channel)
         listens = len(config.buses) > 1 or any(not address.mask & SOURCE for address in config.addresses.values())
         mapped = read_addresses(config.database, config.inputs, config.addresses)
@@ -140,6 +144,9 @@ class Service:
         finally:
             self.compiling = False
         self._links.open(lambda: self._stop, wait_for_bus)
+        for bus in self._config.buses:
+            if bus.listen_only and (line := remark(bus.interface, str(bus.channel))):
+                self._tell(False, line)
         if self._log is not None:
             try:
                 self._log.open()
@@ -163,7 +170,7 @@ class Service:
             now_s = began_s
             while not self._stop and now_s < until_s:
                 frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
-                late = self._stalls.look(time.monotonic(), len(frames))
+                late = self._stalls.look(time.monotonic(), len(frames)) and not self._patient
                 if len(frames):
                     self._take(frames, late)
                 now_s = time.monotonic()
@@ -295,7 +302,8 @@ class Service:
             return None
         link = self._links.links[self._out]
         silence_s = self._config.output.foreign_silence_s
-        return Publisher(self._output_encoder(), link, self._tell, self._maps.encoder(), silence_s)
+        encoder, maps = self._output_encoder(), self._maps.encoder()
+        return Publisher(encoder, link, self._tell, maps, silence_s, live=not self._patient)
 
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)
@@ -319,7 +327,10 @@ class Service:
             clock_steps=self._clock.steps,
             link=self._links.counts,
             buses=[
-                {"name": bus.name, "number": bus.number, "open": up, **asdict(link.counts)}
+                {
+                    **{"name": bus.name, "number": bus.number, "open": up, "listen_only": bus.listen_only},
+                    **asdict(link.counts),
+                }
                 for bus, link, up in zip(self._links.buses, self._links.links, self._were_up, strict=True)
             ],
             log=self._log.counts if self._log is not None else None,
