@@ -6,12 +6,13 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 
 import can
 
 from dctorque_can.daemon.background import finished, in_background, settle
 from dctorque_can.daemon.error_frames import ErrorFrames
-from dctorque_can.daemon.opening import BusError, DamagedLineError, open_bus, reason
+from dctorque_can.daemon.opening import BusError, DamagedLineError, close_bus, open_bus, reason
 from dctorque_can.daemon.reception import NOTHING, Receiver, receiver_of
 from dctorque_can.daemon.sender import Sender, is_full
 from dctorque_can.daemon.silence import SilenceWatch, nothing_came
@@ -271,7 +272,7 @@ class BusLink:
         if bus is None:
             return None
         self._refused_s, self._refusal_told = None, False
-        self._closing = in_background(bus.shutdown, "close bus")
+        self._closing = in_background(partial(close_bus, bus), "close bus")
         return self._closing
 
     def _open_again(self) -> can.BusABC:
@@ -315,4 +316,4 @@ class BusLink:
 def _close_late(opening: Future[can.BusABC]) -> None:
     """Close a bus that opened after nobody wanted it any more; nobody is there to be told how that went either."""
     if opening.exception() is None:
-        settle(Future(), opening.result().shutdown)
+        settle(Future(), partial(close_bus, opening.result()))

@@ -19,7 +19,11 @@ from dctorque_can.errors import DctorqueError
 
 PROBE_S = 1.0
 RECEIVE_BUFFER_BYTES = 4 << 20
-STURDY_SLCAN = ("dctorque_can.daemon.slcan", "SturdySlcanBus")
+STURDY = {
+    "slcan": ("dctorque_can.daemon.slcan", "SturdySlcanBus"),
+    "socketcand": ("dctorque_can.daemon.socketcand", "SturdySocketcandBus"),
+}
+"""Interfaces of ours instead of python-can's; imported when they are wanted, since not everybody has pyserial."""
 
 
 class BusError(DctorqueError):
@@ -45,7 +49,7 @@ def open_bus(arguments: Mapping[str, Any], listen_only: bool = False) -> can.Bus
         arguments = {"preserve_timestamps": True} | dict(arguments)
     if listen_only:
         arguments = listening(arguments)
-    BACKENDS["slcan"] = STURDY_SLCAN  # can.Bus imports it when it is wanted: not everybody has pyserial
+    BACKENDS.update(STURDY)
     try:
         if interface == "socketcand":
             _probe(arguments)
@@ -90,6 +94,22 @@ def _refuse_down(bus: can.BusABC) -> None:
         pending = raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if pending:
             raise OSError(pending, os.strerror(pending))
+
+
+def close_bus(bus: can.BusABC) -> None:
+    """Close a bus, for good.
+
+    Raises:
+        Exception: whatever the interface raises; python-can then does not try it again when it forgets the bus.
+    """
+    try:
+        bus.shutdown()
+    except Exception:
+        if isinstance(raw := getattr(bus, "socket", None), socket.socket):
+            raw.close()
+        raise
+    finally:
+        bus._is_shutdown = True
 
 
 def reason(error: BaseException) -> str:
