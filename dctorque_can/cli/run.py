@@ -52,7 +52,8 @@ def run(
     """Estimate live: receive, estimate, send (when the configuration enables the output) and log.
 
     Ends with exit code 0 and a closed log on Ctrl-C or SIGTERM, or after --duration. SIGHUP begins a new log.
-    A bus that goes away while running is waited for. Exit code 3: frames are missing in the log.
+    A bus that goes away while running is waited for. Exit code 3: frames are missing in the log, or none came that
+    is mapped within --duration. Exit code 78: the vehicle file is wrong.
     """
     path = configuration.one_of(config, config_option)
     if path is None:
@@ -62,7 +63,7 @@ def run(
     if log is not None and log.suffix.lower() != ".mcap":
         raise typer.BadParameter(f"{log}: the log is an MCAP; end its name in .mcap", param_hint="--log")
     try:
-        loaded = configuration.load(path, settings, interface, channel)
+        loaded = _load(path, settings, interface, channel)
         if listen_only:
             loaded = loaded.listening_only()
         prepared = _prepare(loaded, log, no_log, force)
@@ -91,6 +92,17 @@ def run(
     in_vain = duration is not None and not prepared.stopped and summary.missing and not summary.estimates
     if not summary.complete or in_vain:
         raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _load(path: Path, settings: list[str] | None, interface: str | None, channel: str | None) -> Config:
+    """Load the vehicle file; what is wrong with it has an exit code of its own, for those who start it again."""
+    from dctorque_can.config.problems import ConfigError
+
+    try:
+        return configuration.load(path, settings, interface, channel)
+    except ConfigError as error:
+        error.exit_code = ExitCode.CONFIG
+        raise
 
 
 def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Service:

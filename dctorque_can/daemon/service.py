@@ -32,6 +32,7 @@ from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.map_keeper import MapKeeper
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.daemon.stalls import StallWatch
 from dctorque_can.daemon.summary import Summary
 from dctorque_can.daemon.systemd import Systemd
@@ -47,6 +48,7 @@ __all__ = ["Service", "Summary"]  # all that one needs for a run
 RECEIVE_TIMEOUT_S = 0.1
 SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 PATIENT_BYTES = 1 << 20
+MOST_CATCHING_UP = 256  # looks at the buses, each for `MOST` frames
 ORIGINS_S = 2.0  # what messages come from several places is gathered for so long, and told together
 
 
@@ -128,11 +130,13 @@ class Service:
     def prepare(self, wait_for_bus: bool = False) -> None:
         """Compile, open the log and the bus.
 
+        A log that cannot be created in the directory of the vehicle file is told, and tried again while it runs.
+
         Args:
-            wait_for_bus: a bus that is not there (yet) is no error, it is waited for.
+            wait_for_bus: a bus that is not there (yet) is no error, it is waited for; so is a log at a given path.
 
         Raises:
-            DctorqueError: the log cannot be created, or the bus cannot be opened.
+            DctorqueError: the log at a given path cannot be created, or the bus cannot be opened.
         """
         self.compiling = True
         try:
@@ -149,12 +153,24 @@ class Service:
                 self._tell(False, line)
         if self._log is not None:
             try:
-                self._log.open()
+                self._log.open(self._log.has_a_given_path and not wait_for_bus, lambda: self._stop)
             except BaseException:
                 self._links.close()
                 raise
+            if not self._log.counts.paths and not self._stop:
+                self._tell(True, "estimating without a log until one can be written; it is tried again and again")
             settings = self._config.logging
             self._recorder = Recorder(self._log, settings.frames, settings.estimates)
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Take what has come while the log was opened; what it would be answered with is of the past."""
+        for _ in range(MOST_CATCHING_UP):
+            frames = self._links.receive(0.0)
+            if len(frames):
+                self._take(frames, late=True)
+            if len(frames) < MOST or self._stop:
+                return
 
     def record_table(self, table: Table, rows: NDArray[np.void]) -> None:
         """Put rows into the log beside what the service itself writes; between `prepare` and `run`."""

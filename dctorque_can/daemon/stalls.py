@@ -33,9 +33,7 @@ class StallWatch:
 
     def look(self, now_s: float, frames: int) -> bool:
         """Note that a look at the buses found so many frames; return whether they have waited."""
-        if self._looked_s is None:  # what came before the first look has waited too
-            self._looked_s, self._late_until_s = now_s, now_s + STALL_S
-        gap_s = now_s - self._looked_s
+        gap_s = 0.0 if self._looked_s is None else now_s - self._looked_s
         self._looked_s = now_s
         if gap_s > STALL_S:
             self.count += 1

@@ -28,12 +28,6 @@ def test_a_queue_that_never_empties_is_late_no_longer_than_the_stall_took() -> N
     assert late == [True] * 21 + [False] * 19
 
 
-def test_what_came_before_the_first_look_is_late() -> None:
-    watch, told = make()
-    assert [watch.look(at_s, n) for at_s, n in ((50.0, MOST), (50.001, 9), (50.002, 9))] == [True, True, False]
-    assert (watch.count, told) == (0, [])
-
-
 def test_a_wait_for_frames_is_no_stall() -> None:
     watch, told = make()
     for k in range(1000):
