@@ -97,7 +97,7 @@ def test_an_identifier_that_someone_else_used_once_is_sent_again(
     inject,  # noqa: F811
 ) -> None:
     taken = 0x6F0
-    car = [*CAR, "--set", "output.enabled=true", "--set", "output.foreign_silence_s=1"]
+    car = [*CAR, "--set", "output.enabled=true", "--set", "output.foreign_silence_s=1", "--wait"]
     daemon = Daemon(command, environment, tmp_path, "live.mcap", car)
     with can.Bus(**VCAN0) as other:
         other.send(can.Message(arbitration_id=taken, data=bytes(8), is_extended_id=False))
@@ -118,7 +118,7 @@ def test_an_identifier_that_someone_else_used_once_is_sent_again(
 def test_a_bus_that_never_says_anything_and_one_of_another_car(
     command: list[str], environment: dict[str, str], tmp_path
 ) -> None:
-    daemon = Daemon(command, environment, tmp_path, "live.mcap")
+    daemon = Daemon(command, environment, tmp_path, "live.mcap", [*CAR, "--wait"])
     daemon.read_until("no frame at all for 2 s on ")
     with can.Bus(**VCAN0) as other:
         other.send(can.Message(arbitration_id=0x321, data=bytes(8), is_extended_id=False))

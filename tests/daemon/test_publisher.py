@@ -13,6 +13,7 @@ from dctorque_can.daemon import publisher as publisher_module
 from dctorque_can.daemon.foreign import FIRST, LONGER
 from dctorque_can.daemon.link import BusLink
 from dctorque_can.daemon.publisher import LISTEN_US, LONGEST_WAIT_US, Publisher
+from dctorque_can.daemon.send_rate import BURST_S, HEADROOM
 from dctorque_can.pipeline.estimates import ESTIMATE
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
@@ -255,7 +256,7 @@ def test_a_clock_that_jumps_back_with_every_frame_does_not_fill_the_bus(
         clock.now_s += 0.001
         sent += len(publisher.publish(rows(LISTEN_US - 200_000 * (k % 2))))
     nominal_hz = sum(1000.0 / (message.cycle_time or 0) for message in config.output.database.messages)
-    assert sent <= 2.0 * nominal_hz * (4.0 + 1.0) + 1
+    assert sent <= HEADROOM * nominal_hz * (4.0 + BURST_S) + 1
     assert publisher.as_json()["limited"] > 10_000
     assert ["frames/s are due" in line for line in told] == [True]
 
