@@ -12,6 +12,7 @@ from can.interfaces.socketcand import SocketCanDaemonBus
 from dctorque_can.daemon.opening import DamagedLineError, reason
 
 HANDSHAKE_S = 5.0  # that long the server may take for an answer
+LONGEST_MESSAGE = 256
 
 
 class SturdySocketcandBus(SocketCanDaemonBus):
@@ -45,15 +46,11 @@ class SturdySocketcandBus(SocketCanDaemonBus):
         raw = self._raw
         assert raw is not None
         raw.settimeout(HANDSHAKE_S)
-        answer = b""
-        while not answer.endswith(b">"):  # not a byte more: what follows are frames
-            byte = raw.recv(1)
-            if not byte:
-                raise can.CanOperationError("the server has closed the connection")
-            answer += byte
+        while (answer := _one_message(raw)).startswith("< frame "):
+            self._SocketCanDaemonBus__receive_buffer += answer
         raw.settimeout(None)
-        if answer.decode("ascii", "replace").strip() != msg:
-            raise can.CanOperationError(f"the server answers {answer.decode('ascii', 'replace')} instead of {msg}")
+        if answer != msg:
+            raise can.CanOperationError(f"the server answers {answer} instead of {msg}")
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         try:
@@ -65,3 +62,14 @@ class SturdySocketcandBus(SocketCanDaemonBus):
                 raise DamagedLineError("a damaged message of the socketcand server") from error
             raise can.CanOperationError(reason(cause or error)) from error  # python-can's own text is a traceback
         return result
+
+
+def _one_message(raw: socket.socket) -> str:
+    """Read one message, and not a byte more: what follows may be frames."""
+    message = b""
+    while not message.endswith(b">"):
+        byte = raw.recv(1)
+        if not byte or len(message) > LONGEST_MESSAGE:
+            raise can.CanOperationError("the server has closed the connection, or does not speak socketcand")
+        message += byte
+    return message.decode("ascii", "replace").strip()

@@ -22,6 +22,7 @@ def _only_what_hangs_is_late(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     monkeypatch.setattr(log_process, "OPEN_TIMEOUT_S", HANG_S)
     monkeypatch.setattr(log_process, "CLOSE_TIMEOUT_S", HANG_S)
+    monkeypatch.setattr(log_process, "SLOW_S", HANG_S)
     before = signal.signal(signal.SIGALRM, hung)
     signal.alarm(HANG_S)
     yield

@@ -97,6 +97,17 @@ def test_frames_right_behind_an_answer_are_no_part_of_it(serve: Callable[..., Se
     assert told == []
 
 
+def test_frames_before_an_answer_are_frames(serve: Callable[..., Server], told: list[str]) -> None:
+    link = open_link(serve(b"< ok >" + FRAME, 2 * FRAME + b"< ok >"), told)
+    assert receive(link, 3) == [0x123] * 3
+    link.close()
+
+
+def test_a_server_that_speaks_something_else_is_one_clear_error(serve: Callable[..., Server]) -> None:
+    with pytest.raises(BusError, match="does not speak socketcand"):
+        open_bus(serve(b"220 ready " * 100).arguments)
+
+
 def test_an_answer_may_come_in_pieces(serve: Callable[..., Server], told: list[str]) -> None:
     server = serve(b"< o", b"k >< ok >" + FRAME)
     bus = threading.Thread(target=lambda: told.append(str(open_bus(server.arguments).shutdown())), daemon=True)
