@@ -89,7 +89,7 @@ class LogProcess:
             self.pump()
             late = time.monotonic() > limit
             if late and not needed:
-                self.news.append((True, f"log: not open after {SLOW_S:g} s, the disk is slow"))
+                self.news.append((True, f"log: not open after {SLOW_S:g} s: the disk, or the computer, is slow"))
             if needed and (self.counts.failures or self._process is None or late):
                 reason = self.counts.failures[0] if self.counts.failures else "the log writer did not start"
                 self.close()

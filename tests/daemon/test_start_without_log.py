@@ -91,7 +91,7 @@ def test_a_slow_disk_is_told_and_not_waited_for(
     monkeypatch.setattr(log_process, "SLOW_S", 0.0)
     process = LogProcess(plan_for(config, folder / "x.mcap"), config.documents)
     process.open(needed=False)
-    assert "the disk is slow" in process.news[0][1]
+    assert "is slow" in process.news[0][1]
     while not process.counts.paths:
         process.pump()
         time.sleep(0.01)
