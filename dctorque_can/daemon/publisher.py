@@ -98,7 +98,9 @@ class Publisher:
             frames: of all buses. Where nobody else talks on ours, the others tell how long it was listened.
             channel: of the bus on which we talk; None where there is only that.
         """
-        if self._link.up:  # nobody could be heard on a bus that is away
+        if self._listened_us >= LISTEN_US and not self.refused:
+            self._latest_us = None
+        elif self._link.up:  # nobody could be heard on a bus that is away
             self._listen(frames)
             self._foreign.listen(self._listened_us)
         if channel is not None:
