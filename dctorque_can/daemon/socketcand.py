@@ -8,6 +8,7 @@ from typing import Any
 
 import can
 from can.interfaces.socketcand import SocketCanDaemonBus
+from can.interfaces.socketcand.socketcand import convert_ascii_message_to_can_message
 
 from dctorque_can.daemon.opening import DamagedLineError, reason
 
@@ -47,7 +48,9 @@ class SturdySocketcandBus(SocketCanDaemonBus):
         assert raw is not None
         raw.settimeout(HANDSHAKE_S)
         while (answer := _one_message(raw)).startswith("< frame "):
-            self._SocketCanDaemonBus__receive_buffer += answer
+            message = convert_ascii_message_to_can_message(answer)
+            message.channel = self.channel
+            self._SocketCanDaemonBus__message_buffer.append(message)  # type: ignore[attr-defined]
         raw.settimeout(None)
         if answer != msg:
             raise can.CanOperationError(f"the server answers {answer} instead of {msg}")
