@@ -77,6 +77,11 @@ class Traffic:
         """Data frames of mapped messages."""
         return sum(message.frames for message in self.messages)
 
+    @property
+    def extended_identifiers(self) -> int:
+        """How many identifiers of 29 bits came; each takes memory."""
+        return len(self._others)
+
     def take(self, frames: Frames) -> None:
         """Count a batch."""
         self.frames += len(frames)

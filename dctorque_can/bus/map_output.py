@@ -55,6 +55,11 @@ class MapEncoder:
         """The identifiers that are sent, by message name, with `EXTENDED_ID` set for 29-bit ones."""
         return {name: each.can_id for name, each in self._messages.items()}
 
+    @property
+    def periods_s(self) -> dict[int, tuple[str, float]]:
+        """Name and cycle time of each message, by its identifier."""
+        return {each.can_id: (name, each.period_us / 1e6) for name, each in self._messages.items()}
+
     def renew(self, rows: NDArray[np.void]) -> None:
         """Take the next `CLUTCH_MAP` rows ``[n]``, of one clutch or both."""
         for i in range(len(rows)):
@@ -118,16 +123,16 @@ _COLUMNS = {
 class _Cyclic:
     def __init__(self, message: Message, encoder: MessageEncoder, can_id: int) -> None:
         self.encoder, self.can_id, self.length = encoder, can_id, message.length
-        self._period_us = 1000 * int(message.cycle_time or 1000)
+        self.period_us = 1000 * int(message.cycle_time or 1000)
         self._next_us: int | None = None
         self._last_us = 0
 
     def is_due(self, t_us: int) -> bool:
         """Return whether the message is sent with the estimate of this time."""
         following = self._next_us
-        if following is None or t_us >= following + self._period_us or t_us < self._last_us:
+        if following is None or t_us >= following + self.period_us or t_us < self._last_us:
             following = t_us
         self._last_us = t_us
         due = t_us >= following
-        self._next_us = following + self._period_us if due else following
+        self._next_us = following + self.period_us if due else following
         return due

@@ -77,6 +77,11 @@ class OutputEncoder:
         """The identifiers that are sent, by message name, with `EXTENDED_ID` set for 29-bit ones."""
         return {each.name: each.can_id for each in self._messages}
 
+    @property
+    def periods_s(self) -> dict[int, tuple[str, float]]:
+        """Name and cycle time of each message, by its identifier."""
+        return {each.can_id: (each.name, each.period_us / 1e6) for each in self._messages}
+
     def encode(self, rows: NDArray[np.void]) -> Frames:
         """Return the frames that are due, in order of time; flags `FrameFlag.SENT`.
 
@@ -123,8 +128,8 @@ class _CyclicMessage:
         self._length = message.length
         self._flags = int(FrameFlag.SENT | FrameFlag.FD if message.is_fd or message.length > 8 else FrameFlag.SENT)
         self._encoder = encoder
-        self._period_us = int(message.cycle_time * 1000)
-        self._early_us = min(self._period_us // 10, MAX_EARLY_US)
+        self.period_us = int(message.cycle_time * 1000)
+        self._early_us = min(self.period_us // 10, MAX_EARLY_US)
         self._next_us: int | None = None
         self._number = list(CONTENTS).index(message.name)
         self._places = encoder.places(CONTENTS[message.name])
@@ -133,7 +138,7 @@ class _CyclicMessage:
         """Return the rows with which the message is sent; ``last_us`` is the time before them."""
         rows: list[int] = []
         following, last = self._next_us, last_us
-        period = self._period_us
+        period = self.period_us
         for row, t in enumerate(times):
             if following is None or t >= following + period or t < last:
                 following = t

@@ -42,7 +42,7 @@ def demo(
         from dctorque_can.offline.demo import Demo
         from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 
-        settings = ["output.enabled=true", *(settings or [])]
+        settings = ["output.enabled=true", "can.listen_only=false", *(settings or [])]
         loaded = configuration.load(config, settings, "virtual", f"dctorque demo {time.monotonic_ns()}")
         show = Demo(loaded, folder, _tell)
     what = "simulating the drive"

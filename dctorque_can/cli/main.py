@@ -83,7 +83,7 @@ app = typer.Typer(
     context_settings=_SETTINGS,
     help="Clutch torques of a dual clutch transmission, estimated from its CAN frames.",
     epilog="Exit codes: 0 done, 1 error (one line on stderr), 2 wrong usage, 3 done but something was missing "
-    "(damaged input, dropped log frames), 130 interrupted.",
+    "(damaged input, dropped log frames), 78 `run`: the vehicle file is wrong, 130 interrupted.",
 )
 
 

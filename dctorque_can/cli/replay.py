@@ -84,7 +84,7 @@ def replay(
         if interface is not None or channel is not None:
             from dctorque_can.offline.playback import Player, playing
 
-            tell = playing(loaded.can.arguments(), lambda is_error, text: (fail if is_error else say)(text))
+            tell = playing(loaded.can, lambda is_error, text: (fail if is_error else say)(text))
             player = Player(stack.enter_context(tell), speed)
         with progress_bar("replaying") as progress:
             content = ReplayContent(frames=frames, signals=signals, truth=truth, smooth=smooth, state=state)

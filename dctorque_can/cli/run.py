@@ -44,12 +44,16 @@ def run(
     wait: Annotated[
         bool, typer.Option("--wait", help="Wait for a bus that is not there yet, instead of giving up.")
     ] = False,
+    listen_only: Annotated[
+        bool, typer.Option("--listen-only", help="Send nothing on any bus, whatever the vehicle file says.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate live: receive, estimate, send (when the configuration enables the output) and log.
 
     Ends with exit code 0 and a closed log on Ctrl-C or SIGTERM, or after --duration. SIGHUP begins a new log.
-    A bus that goes away while running is waited for. Exit code 3: frames are missing in the log.
+    A bus that goes away while running is waited for. Exit code 3: frames are missing in the log, or none came that
+    is mapped within --duration. Exit code 78: the vehicle file is wrong.
     """
     path = configuration.one_of(config, config_option)
     if path is None:
@@ -59,7 +63,9 @@ def run(
     if log is not None and log.suffix.lower() != ".mcap":
         raise typer.BadParameter(f"{log}: the log is an MCAP; end its name in .mcap", param_hint="--log")
     try:
-        loaded = configuration.load(path, settings, interface, channel)
+        loaded = _load(path, settings, interface, channel)
+        if listen_only:
+            loaded = loaded.listening_only()
         prepared = _prepare(loaded, log, no_log, force)
     except KeyboardInterrupt:  # from here on signals stop the service
         say("stopped before it began")
@@ -72,14 +78,31 @@ def run(
     if as_json:
         print_json(summary.as_json())
     else:
-        _show(summary)
+        from dctorque_can.report.run_lines import run_lines
+
+        for line in run_lines(summary.as_json()):
+            say(line)
+    for line in summary.missing:
+        warn(line)
     if summary.frames:
         from dctorque_can.analysis.health import doubts
 
         for doubt in doubts(summary.never_received, summary.estimates, summary.valid_estimates):
             warn(doubt)
-    if not summary.complete:
+    in_vain = duration is not None and not prepared.stopped and summary.missing and not summary.estimates
+    if not summary.complete or in_vain:
         raise typer.Exit(ExitCode.INCOMPLETE)
+
+
+def _load(path: Path, settings: list[str] | None, interface: str | None, channel: str | None) -> Config:
+    """Load the vehicle file; what is wrong with it has an exit code of its own, for those who start it again."""
+    from dctorque_can.config.problems import ConfigError
+
+    try:
+        return configuration.load(path, settings, interface, channel)
+    except ConfigError as error:
+        error.exit_code = ExitCode.CONFIG
+        raise
 
 
 def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Service:
@@ -95,7 +118,9 @@ def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Ser
         refuse_existing(log, [], force)
     wanted = not no_log and (log is not None or config.logging.enabled)
     plan = plan_for(config, log) if wanted else None
-    return Service(config, [partial(open_bus, bus.arguments()) for bus in config.buses], plan, _tell)
+    return Service(
+        config, [partial(open_bus, bus.arguments(), bus.listen_only) for bus in config.buses], plan, _tell
+    )
 
 
 def _serve(config: Config, service: Service, duration: float | None, wait: bool) -> Summary:
@@ -107,6 +132,8 @@ def _serve(config: Config, service: Service, duration: float | None, wait: bool)
         compiling_is_over()
         if not service.stopped:
             say(f"{config.name}: estimating on {' and '.join(map(str, config.buses))}; Ctrl-C stops")
+            if silent := [str(bus) for bus in config.buses if bus.listen_only]:
+                say(f"only listening to {' and '.join(silent)}")
         return service.run(duration)
 
 
@@ -115,50 +142,3 @@ def _tell(is_error: bool, text: str) -> None:
         fail(text)
     else:
         say(text)
-
-
-def _show(summary: Summary) -> None:
-    from dctorque_can.report.clutch_map_lines import map_lines
-    from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
-
-    log = summary.log
-    say(
-        f"{summary.seconds:.1f} s: {summary.frames} frames in, {summary.estimates} estimates, "
-        f"{summary.published} frames out"
-        + ("" if summary.cpu_share is None else f", {100 * summary.cpu_share:.0f} % of one processor")
-    )
-    for line in status_lines(summary.status, summary.status_time) if summary.estimates else ():
-        say(line)
-    if summary.transmission is not None:
-        say(transmission_line(summary.transmission))
-    for line in finding_lines(summary.health["findings"]):
-        say(line)
-    for line in hint_lines(summary.health["hints"]):
-        say(line)
-    for line in map_lines(summary.clutch_map):
-        say(line)
-    several = len(summary.buses) > 1
-    for bus in summary.buses:
-        if several or any(bus[name] for name in ("lost", "send_failures", "error_frames", "damaged", "dropped")):
-            state = "" if bus["open"] else "not there at the end, "
-            frames = f"{bus['received']} frames, " if several else ""
-            say(
-                f"{bus['name'] if several else 'bus'}: {frames}{state}lost {bus['lost']} times, "
-                f"back {bus['reconnects']} times, {bus['error_frames']} error frames, {bus['bus_offs']} bus-offs, "
-                f"{bus['dropped']} frames not fetched in time, {bus['damaged']} damaged lines, "
-                f"{bus['send_failures']} frames not sent"
-            )
-    if summary.clock_steps:
-        say(f"clock: the time of the frames was set {summary.clock_steps} times")
-    faults = {name: count for name, count in summary.health.items() if count and name not in ("findings", "hints")}
-    if faults:
-        say("health: " + ", ".join(f"{name} {_shown(count)}" for name, count in faults.items()))
-    if log is not None:
-        paths = ", ".join(str(path) for path in log.paths)
-        say(f"log: {log.written} frames in {paths}" + (f"; {log.dropped} frames missing" if log.dropped else ""))
-
-
-def _shown(count: object) -> str:
-    if isinstance(count, dict):
-        return "(" + ", ".join(f"{name} {number}" for name, number in count.items()) + ")"
-    return str(count)

@@ -108,7 +108,7 @@ def _send(config: Config, simulated: SimulatedDrive, speed: float) -> dict[str, 
     from dctorque_can.offline.playback import Player, playing
 
     name = f"{config.can.interface}:{config.can.channel}"
-    with playing(config.can.arguments(), lambda is_error, text: (fail if is_error else say)(text)) as link:
+    with playing(config.can, lambda is_error, text: (fail if is_error else say)(text)) as link:
         player = Player(link, speed)
         say(f"sending {len(simulated.frames)} frames of the {simulated.name} on {name}")
         with progress_bar(f"sending on {name}") as progress:

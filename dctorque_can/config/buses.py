@@ -50,13 +50,18 @@ def read_buses(document: Document) -> tuple[CanSection, ...] | None:
 
 
 def output_channel(document: Document, buses: tuple[CanSection, ...]) -> int:
-    """Return the number of the bus that estimates are sent on; report one that there is not."""
+    """Return the number of the bus that estimates are sent on; report one that there is not, or only listens."""
     numbers = [bus.number for bus in buses if bus.number is not None]
     channel = document.value(("output", "channel"))
     if isinstance(channel, int) and channel not in numbers:
         reason = f"no bus under can has this number; there is {', '.join(map(str, numbers))}"
         document.problems.append(document.problem(("output", "channel"), reason))
-    return channel if isinstance(channel, int) else numbers[0]
+    number = channel if isinstance(channel, int) else numbers[0]
+    bus = next((bus for bus in buses if bus.number == number), None)
+    if bus is not None and bus.listen_only and document.value(("output", "enabled")) is True:
+        reason = f"{bus} is listen_only: send on another bus (output.channel), or set one of both to false"
+        document.problems.append(document.problem(("output", "enabled"), reason))
+    return number
 
 
 def _note_unknown_channels(document: Document, buses: list[CanSection]) -> None:

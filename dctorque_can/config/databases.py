@@ -109,7 +109,9 @@ class DatabaseFiles:
         database = self._database(where, file) if file is not None else None
         if file is None or database is None:
             return None
-        settings = OutputSettings(section.enabled, file.path, database, dict(section.ids), channel)
+        settings = OutputSettings(
+            *(section.enabled, file.path, database, dict(section.ids), channel), section.foreign_silence_s
+        )
         return settings if self._identifiers_fit(settings, vehicle) else None
 
     def _file(self, n: int, item: object) -> tuple[KeyPath, DatabaseFile, DatabaseSection] | None:

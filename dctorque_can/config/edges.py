@@ -35,6 +35,8 @@ class CanSection(Section):
     """Bit rate of the data phase of CAN FD, 1/s."""
     receive_own_messages: bool = False
     """Also receive what this node sends (never used for estimates, but logged)."""
+    listen_only: bool = False
+    """Never send on this bus; adapters that can are told not even to acknowledge."""
     options: dict[str, Any] = Field(default_factory=dict)
     """Further arguments of python-can's Bus for this interface, passed as they are."""
 
@@ -47,7 +49,8 @@ class CanSection(Section):
 
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of ``can.Bus``; what was not given is left to the interface."""
-        given = {name: value for name, value in dict(self).items() if name not in ("options", "fd", "number")}
+        ours = ("options", "fd", "number", "listen_only")
+        given = {name: value for name, value in dict(self).items() if name not in ours}
         arguments = {name: value for name, value in given.items() if value is not None}
         return arguments | ({"fd": True} if self.fd else {}) | self.options
 
@@ -66,6 +69,8 @@ class OutputSection(Section):
     """Message name to arbitration id, instead of the DBC's; ids above 0x7FF are extended (29 bit)."""
     channel: ChannelNumber | None = None
     """Number of the bus that they are sent on, of several under `can`; default: the first one."""
+    foreign_silence_s: Annotated[float, Field(ge=0.5, le=86_400)] | None = 5.0
+    """Send again on an id once nobody else was heard on it for so long, s; null: not before the next start."""
 
 
 class LoggingSection(Section):
@@ -124,6 +129,7 @@ class OutputSettings:
         database: the messages to be sent.
         ids: message name to arbitration id, where it differs from the DBC; above 0x7FF extended.
         channel: number of the bus that they are sent on.
+        foreign_silence_s: how long nobody else must have been heard on an identifier; None: for ever.
     """
 
     enabled: bool
@@ -131,3 +137,4 @@ class OutputSettings:
     database: Database
     ids: dict[str, int]
     channel: int
+    foreign_silence_s: float | None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 import yaml
@@ -92,6 +92,11 @@ class Config:
     def inputs(self) -> tuple[Input, ...]:
         """The inputs of the decoder."""
         return self.settings.inputs
+
+    def listening_only(self) -> Config:
+        """Return the same with nothing sent on any bus."""
+        buses = tuple(bus.model_copy(update={"listen_only": True}) for bus in self.buses)
+        return replace(self, buses=buses, output=replace(self.output, enabled=False))
 
 
 def load_config(path: str | Path, overrides: Mapping[str, str] | None = None) -> Config:

@@ -6,26 +6,27 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 
 import can
 
 from dctorque_can.daemon.background import finished, in_background, settle
-from dctorque_can.daemon.opening import BusError, DamagedLineError, open_bus, reason
+from dctorque_can.daemon.error_frames import ErrorFrames
+from dctorque_can.daemon.opening import BusError, DamagedLineError, close_bus, open_bus, reason
 from dctorque_can.daemon.reception import NOTHING, Receiver, receiver_of
 from dctorque_can.daemon.sender import Sender, is_full
+from dctorque_can.daemon.silence import SilenceWatch, nothing_came
 from dctorque_can.daemon.socketcan import MOST
-from dctorque_can.pipeline.frames import FrameFlag, Frames
+from dctorque_can.pipeline.frames import Frames
 
 __all__ = ["BusError", "BusLink", "LinkCounts", "open_bus"]  # all that one needs for a bus
 
 FIRST_BACKOFF_S = 0.1
 LONGEST_BACKOFF_S = 5.0
-SILENCE_S = 2.0  # without a frame on a bus that had some: told
 OPEN_S = 10.0
 CLOSE_S = 0.5
 REFUSAL_S = 1.0  # without any frame that could be sent: told
 REST_S = 0.001  # from one look at a busy bus to the next: what comes meanwhile is taken together
-BUS_OFF = 0x40  # in the identifier of a SocketCAN error frame (linux/can/error.h)
 
 
 @dataclass
@@ -39,7 +40,7 @@ class LinkCounts:
         dropped: messages that the kernel dropped because they were not fetched in time, where it says so.
         damaged: what an interface received and could not read as a message.
         lost: times the bus went away (down, removed, closed by its server).
-        silences: times a bus that had given frames gave none for `SILENCE_S`.
+        silences: times a bus that had given frames gave none for `daemon.silence.SILENCE_S`.
         reconnects: times it came back.
         sent: messages handed to the bus.
         send_failures: messages that the bus did not take.
@@ -66,10 +67,14 @@ class BusLink:
     Args:
         connect: opens the bus, e.g. a partial of `open_bus`.
         tell: is told what happens, in one line: ``tell(is_error, text)``.
+        listen_only: send nothing, ever: there is not even a `Sender`.
     """
 
-    def __init__(self, connect: Callable[[], can.BusABC], tell: Callable[[bool, str], None]) -> None:
+    def __init__(
+        self, connect: Callable[[], can.BusABC], tell: Callable[[bool, str], None], listen_only: bool = False
+    ) -> None:
         self.counts = LinkCounts()
+        self._listen_only = listen_only
         self._connect = connect
         self._tell = tell
         self._bus: can.BusABC | None = None
@@ -84,13 +89,18 @@ class BusLink:
         self._lost_by_sending = False
         self._refused_s: float | None = None  # since when the bus takes no frame
         self._refusal_told = False
-        self._heard_s: float | None = None  # None: this bus has not given anything yet
-        self._silent = False
+        self._silence = SilenceWatch(tell)
+        self._error_frames = ErrorFrames(tell)
 
     @property
     def up(self) -> bool:
         """Whether the bus is open."""
         return self._bus is not None
+
+    @property
+    def mute(self) -> str | None:
+        """What to look at, while nothing has come of the bus for long enough."""
+        return nothing_came(self._name(), self.counts.error_frames) if self.up and self._silence.mute else None
 
     @property
     def file_number(self) -> int:
@@ -144,26 +154,25 @@ class BusLink:
         except Exception as error:  # noqa: BLE001  an interface may raise whatever its driver raises
             self._lose(error, sending=False)
             return NOTHING
-        if not len(frames):
-            self._watch_silence()
-            return frames
-        self._count(frames)
+        if len(frames):
+            self._count(frames)
+        else:
+            self._quiet(time.monotonic())
         return frames
 
     def _count(self, frames: Frames) -> None:
         now_s = time.monotonic()
-        self._hear(now_s)
         self._look_again_s = now_s + REST_S if len(frames) < MOST else now_s
         if not self._lost_by_sending:
             self._backoff_s = FIRST_BACKOFF_S
         self.counts.received += len(frames)
-        if max(frames.flags.tobytes()) >= FrameFlag.ERROR:  # most batches have no flags at all
-            errors = frames.can_id[(frames.flags & FrameFlag.ERROR) != 0]
-            bus_offs = int(((errors & BUS_OFF) != 0).sum())
-            self.counts.error_frames += len(errors)
-            self.counts.bus_offs += bus_offs
-            for _ in range(bus_offs):
-                self._tell(True, "bus-off: the controller has left the bus")
+        errors, bus_offs = self._error_frames.take(frames, now_s, self._name())
+        self.counts.error_frames += errors
+        self.counts.bus_offs += bus_offs
+        if errors < len(frames):
+            self._silence.heard(now_s, self._name())
+        else:
+            self._quiet(now_s)
         if self._receiver is not None and self._receiver.dropped != self._dropped:
             self._count_dropped(self._receiver.dropped)
 
@@ -179,7 +188,7 @@ class BusLink:
     def send(self, message: can.Message) -> bool:
         """Send; false when the bus does not take it. A bus that blocks is not waited for."""
         self._take_late_error()
-        if self._bus is None and not self._reopen(0.0):
+        if self._listen_only or (self._bus is None and not self._reopen(0.0)):
             self.counts.send_failures += 1
             return False
         assert self._sender is not None
@@ -237,19 +246,8 @@ class BusLink:
             self._refusal_told = True
             self._tell(True, f"no frame could be sent for {REFUSAL_S:g} s on {self._name()}: {reason(error)}")
 
-    def _hear(self, now_s: float) -> None:
-        if self._silent and self._heard_s is not None:
-            self._silent = False
-            self._tell(False, f"frames again after {now_s - self._heard_s:.1f} s on {self._name()}")
-        self._heard_s = now_s
-
-    def _watch_silence(self) -> None:
-        """Tell a silence once. The bus stays open: a car that is switched off is silent too."""
-        if self._silent or self._heard_s is None or time.monotonic() - self._heard_s < SILENCE_S:
-            return
-        self._silent = True
-        self.counts.silences += 1
-        self._tell(False, f"no frame for {SILENCE_S:g} s on {self._name()}")
+    def _quiet(self, now_s: float) -> None:
+        self.counts.silences += self._silence.quiet(now_s, self._name(), self.counts.error_frames)
 
     def _name(self) -> str:
         assert self._bus is not None
@@ -274,7 +272,7 @@ class BusLink:
         if bus is None:
             return None
         self._refused_s, self._refusal_told = None, False
-        self._closing = in_background(bus.shutdown, "close bus")
+        self._closing = in_background(partial(close_bus, bus), "close bus")
         return self._closing
 
     def _open_again(self) -> can.BusABC:
@@ -293,7 +291,7 @@ class BusLink:
         except Exception as error:
             raise BusError(f"the bus cannot be opened: {reason(error)}") from error
         self._receiver, self._dropped = receiver_of(self._bus), 0
-        self._sender = Sender(self._bus)
+        self._sender = None if self._listen_only else Sender(self._bus)
 
     def _reopen(self, timeout_s: float) -> bool:
         if self._opening is None:
@@ -310,8 +308,7 @@ class BusLink:
             self._retry_later()
             return False
         self.counts.reconnects += 1
-        if self._heard_s is not None:
-            self._heard_s, self._silent = time.monotonic(), False
+        self._silence.opened_again(time.monotonic())
         self._tell(False, "the bus is open again")
         return True
 
@@ -319,4 +316,4 @@ class BusLink:
 def _close_late(opening: Future[can.BusABC]) -> None:
     """Close a bus that opened after nobody wanted it any more; nobody is there to be told how that went either."""
     if opening.exception() is None:
-        settle(Future(), opening.result().shutdown)
+        settle(Future(), partial(close_bus, opening.result()))

@@ -30,11 +30,13 @@ class NamedBus:
         name: for people.
         number: of its channel.
         connect: opens it.
+        listen_only: nothing may be sent on it.
     """
 
     name: str
     number: int
     connect: Callable[[], can.BusABC]
+    listen_only: bool = False
 
 
 class BusLinks:
@@ -54,7 +56,9 @@ class BusLinks:
         self.buses = tuple(buses)
         self._tell = tell
         several = len(buses) > 1
-        self.links = [BusLink(bus.connect, _named(bus.name, tell) if several else tell) for bus in buses]
+        self.links = [
+            BusLink(bus.connect, _named(bus.name, tell) if several else tell, bus.listen_only) for bus in buses
+        ]
         self._held = NOTHING
         self._look_again_s = 0.0
         self._offsets_us: list[int | None] = [None] * len(buses)  # time of the frames less the steady clock
@@ -71,6 +75,17 @@ class BusLinks:
     def away(self) -> list[str]:
         """Names of the buses that are not open."""
         return [bus.name for bus, link in zip(self.buses, self.links, strict=True) if not link.up]
+
+    @property
+    def mute(self) -> list[str]:
+        """Of each bus of which nothing has come: that it is away, or what to look at."""
+        texts = []
+        for bus, link in zip(self.buses, self.links, strict=True):
+            if not link.up and not link.counts.received:
+                texts.append(f"{bus.name} is not there")
+            elif (text := link.mute) is not None:
+                texts.append(text)
+        return texts
 
     def open(self, given_up: Callable[[], bool], wait: bool) -> None:
         """Open all buses for the first time.

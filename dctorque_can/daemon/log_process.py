@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +22,9 @@ from dctorque_can.errors import DctorqueError
 PIPE_BYTES = 1 << 20
 MAX_WAITING_BYTES = 32 << 20  # about five minutes of a full bus
 RESTART_S = 1.0
+LONGEST_RESTART_S = 60.0
 OPEN_TIMEOUT_S = 30.0
+SLOW_S = 5.0  # that long a log is waited for that is not needed
 CLOSE_TIMEOUT_S = 30.0
 
 
@@ -63,22 +65,37 @@ class LogProcess:
         self._handed = 0  # frames written to the pipe and not yet confirmed
         self._reports = b""
         self._restart_at_s = 0.0
+        self._restart_s = RESTART_S
         self._process: subprocess.Popen[bytes] | None = None
 
-    def open(self) -> None:
+    @property
+    def has_a_given_path(self) -> bool:
+        """Whether somebody has named the file of the first log."""
+        return self._plan.folder.first is not None
+
+    def open(self, needed: bool = True, given_up: Callable[[], bool] = lambda: False) -> None:
         """Start the process and wait until the first log is open.
 
+        Args:
+            needed: a log that cannot be created, or not soon, is an error. Else it is told; `pump` goes on trying.
+            given_up: says meanwhile that nobody waits any more.
+
         Raises:
-            DctorqueError: the log cannot be created.
+            DctorqueError: the log is needed and cannot be created.
         """
         self._start()
-        limit = time.monotonic() + OPEN_TIMEOUT_S
-        while not self.counts.paths:
+        limit = time.monotonic() + (OPEN_TIMEOUT_S if needed else SLOW_S)
+        while not self.counts.paths and not given_up():
             self.pump()
-            if self.counts.failures or self._process is None or time.monotonic() > limit:
+            late = time.monotonic() > limit
+            if late and not needed:
+                self.news.append((True, f"log: not open after {SLOW_S:g} s: the disk, or the computer, is slow"))
+            if needed and (self.counts.failures or self._process is None or late):
                 reason = self.counts.failures[0] if self.counts.failures else "the log writer did not start"
                 self.close()
                 raise DctorqueError(f"no log: {reason}")
+            if self.counts.failures or self._process is None or late:
+                return
             time.sleep(0.01)
 
     def hand_over(self, content: bytes, frames: int = 0) -> None:
@@ -105,7 +122,8 @@ class LogProcess:
                 return
             self.counts.restarts += 1
             self._start()
-        assert self._process is not None
+            if self._process is None:
+                return
         try:
             self._write()
         except BrokenPipeError:
@@ -142,12 +160,18 @@ class LogProcess:
         self._drop_waiting()
 
     def _start(self) -> None:
-        self._process = process = subprocess.Popen(
-            [sys.executable, "-m", "dctorque_can.daemon.log_worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-        )
+        try:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "dctorque_can.daemon.log_worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
+            )
+        except OSError as error:  # no memory, no process more
+            self.news.append((True, f"the log writer cannot be started: {error.strerror}"))
+            self._restart_later()
+            return
+        self._process = process
         assert process.stdin is not None
         assert process.stdout is not None
         with suppress(PermissionError):  # above the user's limit for pipes: the default size must do
@@ -201,6 +225,7 @@ class LogProcess:
                 self.counts.dropped += int(value)
                 self._handed -= int(value)
             elif what == "opened":
+                self._restart_s = RESTART_S
                 self.counts.paths.append(Path(str(value)))
                 self.news.append((False, f"logging to {value}"))
             elif what == "failed":
@@ -222,7 +247,11 @@ class LogProcess:
             content, frames = self._waiting.popleft()
             self._waiting_bytes -= len(content)
             self.counts.dropped += frames
-        self._restart_at_s = time.monotonic() + RESTART_S
+        self._restart_later()
+
+    def _restart_later(self) -> None:
+        self._restart_at_s = time.monotonic() + self._restart_s
+        self._restart_s = min(2 * self._restart_s, LONGEST_RESTART_S)
 
     def _forget(self) -> None:
         assert self._process is not None

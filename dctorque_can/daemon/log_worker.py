@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from dctorque_can.bus.columns import MessageColumns
 
 RETRY_S = 10.0
+LONGEST_RETRY_S = 300.0
 CHUNK = 1 << 16
 READ = 1 << 20
 
@@ -55,6 +56,7 @@ class LogWorker:
         self._opened = 0
         self._began_s = 0.0
         self._retry_s = 0.0
+        self._pause_s = RETRY_S
         self._flush_s = 0.0
         self._unconfirmed = 0
 
@@ -145,6 +147,7 @@ class LogWorker:
             self._give_up(error, now_s)
             return
         if self._unconfirmed:
+            self._pause_s = RETRY_S
             report(written=self._unconfirmed)
             self._unconfirmed = 0
 
@@ -160,8 +163,9 @@ class LogWorker:
         self._log = None
 
     def _give_up(self, error: DctorqueError, now_s: float) -> None:
-        report(failed=f"{error}; trying a new log in {RETRY_S:g} s")
-        self._retry_s = now_s + RETRY_S
+        report(failed=f"{error}; trying a new log in {self._pause_s:g} s")
+        self._retry_s = now_s + self._pause_s
+        self._pause_s = min(2 * self._pause_s, LONGEST_RETRY_S)
         self._lost(self._unconfirmed)
         self._unconfirmed = 0
         if self._log is None:

@@ -12,13 +12,18 @@ from typing import Any
 import can
 from can.interfaces import BACKENDS
 
+from dctorque_can.daemon.listening import forbid_sending, listening
 from dctorque_can.daemon.spin import raise_on_spin
 from dctorque_can.daemon.steady_recv import receive_by_steady_clock
 from dctorque_can.errors import DctorqueError
 
 PROBE_S = 1.0
 RECEIVE_BUFFER_BYTES = 4 << 20
-STURDY_SLCAN = ("dctorque_can.daemon.slcan", "SturdySlcanBus")
+STURDY = {
+    "slcan": ("dctorque_can.daemon.slcan", "SturdySlcanBus"),
+    "socketcand": ("dctorque_can.daemon.socketcand", "SturdySocketcandBus"),
+}
+"""Interfaces of ours instead of python-can's; imported when they are wanted, since not everybody has pyserial."""
 
 
 class BusError(DctorqueError):
@@ -29,11 +34,12 @@ class DamagedLineError(can.CanError):
     """An interface received what is no frame; the next one may be whole."""
 
 
-def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
+def open_bus(arguments: Mapping[str, Any], listen_only: bool = False) -> can.BusABC:
     """Open a python-can bus.
 
     Args:
         arguments: of ``can.Bus``, with ``interface`` and ``channel``.
+        listen_only: nothing can be sent on it, and the hardware is silent where python-can can ask it to be.
 
     Raises:
         BusError: there is no such interface or channel, or it is down, or its driver is missing.
@@ -41,7 +47,9 @@ def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
     interface, channel = arguments["interface"], arguments["channel"]
     if interface == "virtual":  # otherwise frames of a simulation would be stamped anew
         arguments = {"preserve_timestamps": True} | dict(arguments)
-    BACKENDS["slcan"] = STURDY_SLCAN  # can.Bus imports it when it is wanted: not everybody has pyserial
+    if listen_only:
+        arguments = listening(arguments)
+    BACKENDS.update(STURDY)
     try:
         if interface == "socketcand":
             _probe(arguments)
@@ -56,6 +64,8 @@ def open_bus(arguments: Mapping[str, Any]) -> can.BusABC:
     except OSError as error:
         bus.shutdown()
         raise BusError(f"{interface}:{channel} cannot be used: {reason(error)}{_hint(error, channel)}") from error
+    if listen_only:
+        forbid_sending(bus)
     raise_on_spin(bus)
     receive_by_steady_clock(bus)
     return bus
@@ -84,6 +94,22 @@ def _refuse_down(bus: can.BusABC) -> None:
         pending = raw.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if pending:
             raise OSError(pending, os.strerror(pending))
+
+
+def close_bus(bus: can.BusABC) -> None:
+    """Close a bus, for good.
+
+    Raises:
+        Exception: whatever the interface raises; python-can then does not try it again when it forgets the bus.
+    """
+    try:
+        bus.shutdown()
+    except Exception:
+        if isinstance(raw := getattr(bus, "socket", None), socket.socket):
+            raw.close()
+        raise
+    finally:
+        bus._is_shutdown = True
 
 
 def reason(error: BaseException) -> str:

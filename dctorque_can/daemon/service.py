@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
 
 import can
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.origins import OriginWatch
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.traffic import MappedMessage
 from dctorque_can.analysis.transmission import TransmissionFigures
 from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.bus.output import OutputEncoder
@@ -23,81 +23,33 @@ from dctorque_can.config.edges import CanSection
 from dctorque_can.config.load import Config
 from dctorque_can.daemon import socketcan
 from dctorque_can.daemon.clock_watch import ClockWatch
+from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
-from dctorque_can.daemon.link import LinkCounts
 from dctorque_can.daemon.links import BusLinks, NamedBus
+from dctorque_can.daemon.listening import remark
 from dctorque_can.daemon.log_plan import LogPlan
-from dctorque_can.daemon.log_process import LogCounts, LogProcess
+from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.map_keeper import MapKeeper
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.socketcan import MOST
+from dctorque_can.daemon.stalls import StallWatch
+from dctorque_can.daemon.summary import Summary
 from dctorque_can.daemon.systemd import Systemd
+from dctorque_can.daemon.traffic_watch import TrafficWatch
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE
 from dctorque_can.pipeline.frames import SOURCE, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Quantity
 
+__all__ = ["Service", "Summary"]  # all that one needs for a run
+
 RECEIVE_TIMEOUT_S = 0.1
 SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 PATIENT_BYTES = 1 << 20
+MOST_CATCHING_UP = 256  # looks at the buses, each for `MOST` frames
 ORIGINS_S = 2.0  # what messages come from several places is gathered for so long, and told together
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What a run of the service did.
-
-    Attributes:
-        seconds: from ready to stop.
-        cpu_share: processor time of the service's thread over ``seconds``, None when that is below `SHARE_S`; the
-            log writer is another process.
-        frames: received.
-        estimates: given.
-        valid_estimates: of these, with both clutch torques valid.
-        status: share of the estimates with each torque valid and with each fault, see `StatusShares`.
-        status_time: the same as shares of the time.
-        transmission: the driving clutch against the transmission's own torque, see `TransmissionFigures`.
-        never_received: mapped inputs of which no usable value came.
-        published: frames sent.
-        refused_ids: identifiers that someone else uses.
-        clock_steps: times the clock of the frames was set.
-        link: counters of the wire, of all buses together.
-        buses: each bus: its name, the number of its channel, whether it was open at the end, its counters.
-        log: counters of the log, or None without one.
-        health: counters of the estimator, see `health_counts`.
-        clutch_map: what was learned of the clutches by the end, None when they are not learned.
-    """
-
-    seconds: float
-    cpu_share: float | None
-    frames: int
-    estimates: int
-    valid_estimates: int
-    status: dict[str, float]
-    status_time: dict[str, float]
-    transmission: dict[str, float] | None
-    never_received: list[str]
-    published: int
-    refused_ids: list[int]
-    clock_steps: int
-    link: LinkCounts
-    buses: list[dict[str, Any]]
-    log: LogCounts | None
-    health: dict[str, Any]
-    clutch_map: dict[str, Any] | None = None
-
-    @property
-    def complete(self) -> bool:
-        """Whether every received frame is in the log (or no log was wanted)."""
-        return self.log is None or (self.log.dropped == 0 and not self.log.failures)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the summary for scripts."""
-        result = asdict(self)
-        if self.log is not None:
-            result["log"]["paths"] = [str(path) for path in self.log.paths]
-        return result
 
 
 class Service:
@@ -132,17 +84,24 @@ class Service:
         self._maps = MapKeeper(config, self._tell)
         self._chain = Chain(config, maps=self._maps.maps)
         numbers = [bus.number or 0 for bus in config.buses]
-        named = map(NamedBus, map(str, config.buses), numbers, connects)
-        self._links = BusLinks(list(named), self._tell)
+        named = [
+            NamedBus(str(bus), number, connect, bus.listen_only)
+            for bus, number, connect in zip(config.buses, numbers, connects, strict=True)
+        ]
+        self._links = BusLinks(named, self._tell)
         self._out = numbers.index(config.output.channel)
         listens = len(config.buses) > 1 or any(not address.mask & SOURCE for address in config.addresses.values())
-        self._origins = OriginWatch(read_addresses(config.database, config.inputs, config.addresses))
+        mapped = read_addresses(config.database, config.inputs, config.addresses)
+        self._origins = OriginWatch(mapped)
+        messages = [MappedMessage(*key, message.length, message.length) for key, message in mapped.items()]
+        self._traffic = TrafficWatch(messages, self._tell)
         self._watches_origins = listens
         self._origins_due_s: float | None = None
         self._log = None if plan is None else LogProcess(plan, config.documents | self._maps.documents)
         self._recorder: Recorder | None = None
         self._publisher = self._make_publisher()
         self._clock = ClockWatch(config.settings.max_step_back_us, self._tell)
+        self._stalls = StallWatch(self._tell)
         self._systemd = Systemd()
         self._stop = False
         self.compiling = False
@@ -150,6 +109,7 @@ class Service:
         self._rotate = False
         self._t_us: int | None = None
         self._were_up: list[bool] = []
+        self._mute: list[str] = []
         self._status = StatusShares()
         told = {given.quantity for given in config.inputs}
         self._transmission = TransmissionFigures() if Quantity.TRANSMISSION_TORQUE in told else None
@@ -170,11 +130,13 @@ class Service:
     def prepare(self, wait_for_bus: bool = False) -> None:
         """Compile, open the log and the bus.
 
+        A log that cannot be created in the directory of the vehicle file is told, and tried again while it runs.
+
         Args:
-            wait_for_bus: a bus that is not there (yet) is no error, it is waited for.
+            wait_for_bus: a bus that is not there (yet) is no error, it is waited for; so is a log at a given path.
 
         Raises:
-            DctorqueError: the log cannot be created, or the bus cannot be opened.
+            DctorqueError: the log at a given path cannot be created, or the bus cannot be opened.
         """
         self.compiling = True
         try:
@@ -186,14 +148,29 @@ class Service:
         finally:
             self.compiling = False
         self._links.open(lambda: self._stop, wait_for_bus)
+        for bus in self._config.buses:
+            if bus.listen_only and (line := remark(bus.interface, str(bus.channel))):
+                self._tell(False, line)
         if self._log is not None:
             try:
-                self._log.open()
+                self._log.open(self._log.has_a_given_path and not wait_for_bus, lambda: self._stop)
             except BaseException:
                 self._links.close()
                 raise
+            if not self._log.counts.paths and not self._stop:
+                self._tell(True, "estimating without a log until one can be written; it is tried again and again")
             settings = self._config.logging
             self._recorder = Recorder(self._log, settings.frames, settings.estimates)
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Take what has come while the log was opened; what it would be answered with is of the past."""
+        for _ in range(MOST_CATCHING_UP):
+            frames = self._links.receive(0.0)
+            if len(frames):
+                self._take(frames, late=True)
+            if len(frames) < MOST or self._stop:
+                return
 
     def record_table(self, table: Table, rows: NDArray[np.void]) -> None:
         """Put rows into the log beside what the service itself writes; between `prepare` and `run`."""
@@ -209,14 +186,16 @@ class Service:
             now_s = began_s
             while not self._stop and now_s < until_s:
                 frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
+                late = self._stalls.look(time.monotonic(), len(frames)) and not self._patient
                 if len(frames):
-                    self._take(frames)
+                    self._take(frames, late)
                 now_s = time.monotonic()
                 self._keep_time(now_s)
             seconds, cpu_s = now_s - began_s, time.thread_time() - began_cpu_s
         finally:
             self._systemd.stopping()
             self._were_up = [link.up for link in self._links.links]
+            self._mute = self._links.mute
             self._links.close()
             self.finishing = True
             self._maps.close()
@@ -228,16 +207,18 @@ class Service:
                 self._pass_on_news()
         return self._summary(seconds, cpu_s)
 
-    def _take(self, frames: Frames) -> None:
-        """Do the whole job for a few frames."""
+    def _take(self, frames: Frames, late: bool) -> None:
+        """Do the whole job for a few frames; of ``late`` ones nothing is sent."""
         self._mark_own(frames)
         self.received += len(frames)
         self._t_us = int(frames.t_us[-1])
-        self._clock.look(frames.t_us, time.monotonic())
+        now_s = time.monotonic()
+        self._clock.look(frames.t_us, now_s)
+        self._traffic.take(frames, now_s)
         if self._publisher is not None:
             self._publisher.hear(frames, None if len(self._links.buses) == 1 else self._number)
         if self._watches_origins and self._origins.take(frames) and self._origins_due_s is None:
-            self._origins_due_s = time.monotonic() + ORIGINS_S
+            self._origins_due_s = now_s + ORIGINS_S
         estimates = self._chain.feed(frames)
         if len(estimates):
             self._status.count(estimates.rows["t_us"], estimates.rows["status"])
@@ -248,7 +229,7 @@ class Service:
             self._give_maps(maps)
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
-            sent = self._publisher.publish(estimates.rows)
+            sent = self._publisher.publish(estimates.rows, late)
         if self._recorder is not None:
             self._recorder.frames(frames)
             self._recorder.estimates(estimates)
@@ -285,14 +266,29 @@ class Service:
             if self._patient:
                 self._recorder.wait_for_room(PATIENT_BYTES)
         self._maps.keep_time(now_s)
+        self._traffic.keep_time(now_s)
         if self._origins_due_s is not None and now_s >= self._origins_due_s:
             self._origins_due_s = None
             for line in self._origins.news():
                 self._tell(True, line)
         self._pass_on_news()
-        away = self._links.away
-        state = f"waiting for {' and '.join(away)}" if away else "estimating"
-        self._systemd.keep_time(now_s, self.received, state)
+        self._systemd.keep_time(now_s, self.received, self._state)
+
+    def _state(self) -> str:
+        """Return in a few words what the service does at the moment."""
+        if away := self._links.away:
+            return f"waiting for {' and '.join(away)}"
+        if self._traffic.mapped:
+            return "estimating" + self._output_state()
+        return "no mapped frame yet" if self.received else "no frame yet"
+
+    def _output_state(self) -> str:
+        if self._publisher is None:
+            return ""
+        jitter_ms, refused = self._publisher.worst_jitter_ms, shown(sorted(self._publisher.refused))
+        return ("" if jitter_ms is None else f", cycle jitter {jitter_ms:.1f} ms") + (
+            f", {refused} refused (someone else sends there)" if refused else ""
+        )
 
     def _tell(self, is_error: bool, text: str) -> None:
         self._news.append((is_error, text))
@@ -321,7 +317,9 @@ class Service:
         if not self._config.output.enabled:
             return None
         link = self._links.links[self._out]
-        return Publisher(self._output_encoder(), link, self._tell, self._maps.encoder())
+        silence_s = self._config.output.foreign_silence_s
+        encoder, maps = self._output_encoder(), self._maps.encoder()
+        return Publisher(encoder, link, self._tell, maps, silence_s, live=not self._patient)
 
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)
@@ -337,12 +335,18 @@ class Service:
             status_time=self._status.time_as_json(),
             transmission=self._transmission.as_json() if self._transmission is not None else None,
             never_received=never_received(self._config.inputs, self._chain.health),
+            missing=[*self._mute, *(self._traffic.lines() if self._traffic.told else ())],
             published=self._links.counts.sent,
             refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
+            output=self._publisher.as_json() if self._publisher is not None else None,
+            stalls={"count": self._stalls.count, "longest_s": round(self._stalls.longest_s, 3)},
             clock_steps=self._clock.steps,
             link=self._links.counts,
             buses=[
-                {"name": bus.name, "number": bus.number, "open": up, **asdict(link.counts)}
+                {
+                    **{"name": bus.name, "number": bus.number, "open": up, "listen_only": bus.listen_only},
+                    **asdict(link.counts),
+                }
                 for bus, link, up in zip(self._links.buses, self._links.links, self._were_up, strict=True)
             ],
             log=self._log.counts if self._log is not None else None,

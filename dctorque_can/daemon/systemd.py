@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 
 from sdnotify import SystemdNotifier
 
@@ -28,7 +29,7 @@ class Systemd:
         """Tell that the service ends."""
         self._notify("STOPPING=1")
 
-    def keep_time(self, now_s: float, frames: int, state: str) -> None:
+    def keep_time(self, now_s: float, frames: int, state: Callable[[], str]) -> None:
         """Feed the watchdog and tell the state, when it is time; ``frames`` counts since the start."""
         if self._watchdog_s and now_s >= self._next_watchdog_s:
             self._next_watchdog_s = now_s + self._watchdog_s
@@ -37,7 +38,7 @@ class Systemd:
             rate = (frames - self._frames) / STATUS_PERIOD_S
             self._frames = frames
             self._next_status_s = now_s + STATUS_PERIOD_S
-            self._notify(f"STATUS={state}, {rate:.0f} frames/s, {frames} in all")
+            self._notify(f"STATUS={state()}, {rate:.0f} frames/s, {frames} in all")
 
     def _notify(self, state: str) -> None:
         if self._notifier is not None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
 
+from dctorque_can.config.edges import CanSection
 from dctorque_can.daemon.link import BusLink, open_bus
+from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
@@ -17,17 +18,19 @@ PATIENCE_S = 0.2  # that long a full transmit queue is waited for
 
 
 @contextmanager
-def playing(arguments: Mapping[str, Any], tell: Callable[[bool, str], None]) -> Iterator[BusLink]:
+def playing(bus: CanSection, tell: Callable[[bool, str], None]) -> Iterator[BusLink]:
     """Give an open link that is closed afterwards.
 
     Args:
-        arguments: of ``can.Bus``.
+        bus: where to.
         tell: is told when the bus goes away and comes back: ``tell(is_error, text)``.
 
     Raises:
-        BusError: the bus cannot be opened.
+        DctorqueError: the bus cannot be opened, or may only be listened to.
     """
-    link = BusLink(partial(open_bus, arguments), tell)
+    if bus.listen_only:
+        raise DctorqueError(f"{bus}: nothing can be played onto it, the vehicle file says listen_only: true")
+    link = BusLink(partial(open_bus, bus.arguments()), tell)
     link.open()
     try:
         yield link

@@ -7,9 +7,8 @@ from typing import Any
 
 from dctorque_can.analysis.origins import identifier_text, listed, shared_lines
 from dctorque_can.analysis.traffic import Traffic
-from dctorque_can.pipeline.frames import EVERY_BIT, SOURCE
+from dctorque_can.analysis.unmapped import other_source_lines, unmapped_lines
 
-MOST_IDENTIFIERS = 8
 MOST_TOPICS = 12
 LATE_WORTH_TELLING = 0.01
 """Share of the mapped frames that are late, from which that is told."""
@@ -49,14 +48,7 @@ def missing_lines(traffic: Traffic, health: Mapping[str, Any], reorder: str = ""
     """
     mapped = traffic.mapped_frames
     if not mapped:
-        by_id = sorted(traffic.messages, key=lambda message: message.mapped.address.can_id)
-        wanted = [str(message.origins) for message in by_id]
-        seen = [f"{identifier_text(can_id)} ({count})" for can_id, count in traffic.most_seen(MOST_IDENTIFIERS)]
-        return [
-            f"none of the {traffic.frames} frames has a mapped identifier: the log holds {', '.join(seen)}; "
-            f"mapped are {listed(wanted, MOST_TOPICS)}",
-            *_other_source_lines(traffic),
-        ]
+        return unmapped_lines(traffic, "the log holds")
     lines = []
     late, resets = health["late_frames"], health["clock_resets"]
     if late > LATE_WORTH_TELLING * mapped:
@@ -72,28 +64,9 @@ def missing_lines(traffic: Traffic, health: Mapping[str, Any], reorder: str = ""
         )
     return [
         *lines,
-        *_other_source_lines(traffic),
+        *other_source_lines(traffic),
         *shared_lines([message.origins for message in traffic.messages]),
     ]
-
-
-def _other_source_lines(traffic: Traffic) -> list[str]:
-    """Return which messages did not come, but others of their J1939 number."""
-    lines = []
-    for message in traffic.messages:
-        address = message.mapped.address
-        if message.frames or not address.mask & SOURCE:
-            continue
-        others = [(can_id, count) for can_id, count in traffic.same_group(message) if can_id != address.can_id]
-        if others:
-            seen = listed([f"{identifier_text(can_id)} ({count})" for can_id, count in others], MOST_IDENTIFIERS)
-            what = (
-                "take another source address in `source_addresses:` of the database"
-                if address.mask != EVERY_BIT
-                else "is this J1939? Then say `j1939: true` of the database"
-            )
-            lines.append(f"{message.origins}: none came, but of its J1939 parameter group {seen}: {what}")
-    return lines
 
 
 def short_lines(traffic: Traffic, lacking: bool) -> list[str]:

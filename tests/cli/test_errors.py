@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from dctorque_can.cli.exit_codes import ExitCode
 from dctorque_can.resources import shipped_config, shipped_dbc
 
 PAPER = shipped_config("paper_car")
@@ -26,7 +27,7 @@ def log(dctorque, tmp_path: Path) -> Path:
 
 def test_missing_files(dctorque) -> None:
     assert_clear(dctorque("replay", "none.blf", "-c", PAPER, "-o", "x.mcap"), "none.blf", "no such file")
-    assert_clear(dctorque("run", "none.yaml"), "none.yaml", "cannot be read")
+    assert_clear(dctorque("run", "none.yaml"), "none.yaml", "cannot be read", code=ExitCode.CONFIG)
     assert_clear(dctorque("recover", "none.mcap"), "none.mcap")
     assert_clear(dctorque("simulate", "none.yaml", "-o", "x.mcap"), "none.yaml")
 
@@ -36,7 +37,7 @@ def test_a_wrong_dbc(dctorque, tmp_path: Path) -> None:
     (tmp_path / "wrong.dbc").write_bytes(shipped_dbc("dctorque").read_bytes())
     (tmp_path / "car.yaml").write_text(text)
     outcome = dctorque("run", "car.yaml", "-i", "virtual", "--channel", "x")
-    assert_clear(outcome, "car.yaml", "EngineData")
+    assert_clear(outcome, "car.yaml", "EngineData", code=ExitCode.CONFIG)
 
 
 def test_a_file_that_is_no_log(dctorque, tmp_path: Path) -> None:
@@ -114,7 +115,7 @@ def test_a_truth_that_is_not_there(dctorque, log: Path, tmp_path: Path) -> None:
 
 def test_a_wrong_value_on_the_command_line(dctorque) -> None:
     outcome = dctorque("run", PAPER, "--set", "vehicle.engine_inertia_kgm2=-1")
-    assert_clear(outcome, "--set", "vehicle.engine_inertia_kgm2")
+    assert_clear(outcome, "--set", "vehicle.engine_inertia_kgm2", code=ExitCode.CONFIG)
 
 
 def test_debug_shows_where(dctorque_process) -> None:

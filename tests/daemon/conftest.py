@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dctorque_can.daemon import log_process
+from dctorque_can.daemon import log_process, stalls
 
 from ..recorded_drive import clock, config, connect, drive  # noqa: F401  fixtures
 
@@ -22,6 +22,8 @@ def _only_what_hangs_is_late(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
     monkeypatch.setattr(log_process, "OPEN_TIMEOUT_S", HANG_S)
     monkeypatch.setattr(log_process, "CLOSE_TIMEOUT_S", HANG_S)
+    monkeypatch.setattr(log_process, "SLOW_S", HANG_S)
+    monkeypatch.setattr(stalls, "STALL_S", HANG_S)
     before = signal.signal(signal.SIGALRM, hung)
     signal.alarm(HANG_S)
     yield

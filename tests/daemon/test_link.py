@@ -12,7 +12,7 @@ import pytest
 
 from dctorque_can.daemon import link as link_module
 from dctorque_can.daemon import opening, sender, spin
-from dctorque_can.daemon.link import REST_S, SILENCE_S, BusError, BusLink, open_bus
+from dctorque_can.daemon.link import REST_S, BusError, BusLink, open_bus
 from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.daemon.spin import SPIN_RETURNS, SPIN_S, raise_on_spin
 
@@ -235,31 +235,6 @@ def test_a_virtual_bus_keeps_the_time_of_simulated_frames(connect: Callable[[], 
         received = receiver.recv(1.0)
     assert received is not None
     assert received.timestamp == 12.5
-
-
-def test_a_silence_is_told_once_and_its_end_too(clock: Clock) -> None:
-    bus = Bus([None])
-    link, told = make(bus)
-    link.open()
-    clock.now_s += 100.0
-    link.receive(0.0)
-    assert told == []  # it never gave anything: the car may be off
-    for silence_s in (2.5, 3.5):
-        bus.events.append(MESSAGE)
-        assert len(link.receive(0.0)) == 1
-        before = len(told)
-        clock.now_s += SILENCE_S - 0.25
-        link.receive(0.0)
-        assert len(told) == before
-        clock.now_s += silence_s - (SILENCE_S - 0.25)
-        receive_all(link, 3)
-    assert told == [
-        "no frame for 2 s on a bus of tests",
-        "frames again after 2.5 s on a bus of tests",
-        "no frame for 2 s on a bus of tests",
-    ]
-    assert link.counts.silences == 2
-    assert (link.counts.lost, link.up, bus.closed) == (0, True, False)
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ def test_the_watchdog_is_fed_three_times_a_limit_and_the_state_told_now_and_then
     told: dict[float, list[str]] = {}
     for now_s in (10.0, 10.75, 11.0, 11.75, 12.0, 12.75):
         notifier.told.clear()
-        service.keep_time(now_s, int(100 * now_s), "estimating")
+        service.keep_time(now_s, int(100 * now_s), lambda: "estimating")
         told[now_s] = list(notifier.told)
     fed = "WATCHDOG=1"
     assert told == {
