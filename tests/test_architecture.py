@@ -34,7 +34,8 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "estimators.methods",
         *DESIGNS,
     ),
-    "chain": ("bus", "pipeline", "config", "clutch_maps"),
+    "snapshot": (),
+    "chain": ("snapshot", "bus", "pipeline", "config", "clutch_maps"),
     "analysis": WORDS,
     "daemon": ("chain", *WORDS, "bus", "logs", "config", "analysis", "clutch_maps"),
     # What plays onto a bus needs its link; the demo is the service on a simulated car.

@@ -91,6 +91,8 @@ def replay(
             result = replay_logs(readers, loaded, ReplayTargets(output, player), content, progress)
     for problem in result.problems:
         warn(problem)
+    if result.begins:
+        (warn if "not used" in result.begins else say)(result.begins)
     if as_json:
         print_json(result.as_json())
     else:

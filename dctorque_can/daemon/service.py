@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import can
@@ -27,7 +28,7 @@ from dctorque_can.daemon.kept_maps import MAPS
 from dctorque_can.daemon.link import LinkCounts
 from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.log_plan import LogPlan
-from dctorque_can.daemon.log_process import LogCounts, LogProcess
+from dctorque_can.daemon.log_process import LogCounts, LogProcess, State, no_state
 from dctorque_can.daemon.map_keeper import MapKeeper
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
@@ -96,7 +97,8 @@ class Summary:
         """Return the summary for scripts."""
         result = asdict(self)
         if self.log is not None:
-            result["log"]["paths"] = [str(path) for path in self.log.paths]
+            for name in ("paths", "finalised"):
+                result["log"][name] = [str(path) for path in result["log"][name]]
         return result
 
 
@@ -193,7 +195,8 @@ class Service:
                 self._links.close()
                 raise
             settings = self._config.logging
-            self._recorder = Recorder(self._log, settings.frames, settings.estimates)
+            flush_s = settings.flush_ms / 1000
+            self._recorder = Recorder(self._log, settings.frames, settings.estimates, flush_s, self._state)
 
     def record_table(self, table: Table, rows: NDArray[np.void]) -> None:
         """Put rows into the log beside what the service itself writes; between `prepare` and `run`."""
@@ -208,7 +211,8 @@ class Service:
         try:
             now_s = began_s
             while not self._stop and now_s < until_s:
-                frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
+                pause_s = RECEIVE_TIMEOUT_S if self._recorder is None else self._recorder.pause_s(now_s)
+                frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s, pause_s))
                 if len(frames):
                     self._take(frames)
                 now_s = time.monotonic()
@@ -255,6 +259,12 @@ class Service:
             if sent is not None and len(sent) and not self._out_bus.receive_own_messages:
                 sent.channel[:] = self._number
                 self._recorder.frames(sent)
+
+    def _state(self) -> State:
+        """Return the state with which a log begins that begins now."""
+        if not self.received:
+            return no_state
+        return partial(self._chain.packed, self._chain.state())
 
     def _give_maps(self, rows: NDArray[np.void]) -> None:
         if self._publisher is not None:

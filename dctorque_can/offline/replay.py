@@ -25,6 +25,7 @@ from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.daemon.kept_maps import MAPS, begun, read_state, state_name, state_of
+from dctorque_can.daemon.log_plan import OWN_MARK, STATE_NAME
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
@@ -96,6 +97,7 @@ class ReplayResult:
 
     Attributes:
         output: the new log, or None.
+        begins: the state that the first log begins with, and whether it was used, in a line; "": there is none.
         frames: read.
         estimates: given.
         smoothed: whether these are smoothed.
@@ -115,6 +117,7 @@ class ReplayResult:
     """
 
     output: Path | None
+    begins: str
     frames: int
     estimates: int
     smoothed: bool
@@ -211,6 +214,9 @@ def replay_logs(
     """
     start = state_of(logs[0].documents) if content.state is None else read_state(content.state, config)
     replay = _Replay(config, targets, content, start)
+    state = logs[0].documents.get(STATE_NAME)
+    if state is not None:
+        replay.begin_with(state, logs[0].path)
     began_s = time.monotonic()
     try:
         with replay:
@@ -235,6 +241,7 @@ def replay_logs(
         raise
     return ReplayResult(
         output=targets.log,
+        begins=replay.begins,
         frames=replay.traffic.frames,
         estimates=replay.status.estimates,
         smoothed=content.smooth,
@@ -256,6 +263,8 @@ def replay_logs(
 
 def reorder_window_us(log: LogReader, config: Config) -> int:
     """Return within which time the frames of a log are sorted: our own logs are as the estimator saw the bus."""
+    if OWN_MARK in log.metadata:  # of the service: as it received them, and gave its estimates
+        return 0
     if config.reorder_us is not None:
         return config.reorder_us
     return 0 if log.documents else REORDER_US
@@ -287,6 +296,7 @@ class _Replay:
         self.status = StatusShares()
         self.transmission = TransmissionFigures()
         self.time = TrafficTime()
+        self.begins = ""
         self._config = config
         self._content = content
         self._player = targets.player
@@ -311,6 +321,14 @@ class _Replay:
     def __exit__(self, *error: object) -> None:
         if self._log is not None:
             self._log.close()
+
+    def begin_with(self, state: bytes, log: Path) -> None:
+        """Go on where the service stood when it began a log, if this is the same estimator."""
+        why = self._chain.restore(state)
+        self.begins = f"{log}: begins with a state of the estimator, "
+        self.begins += f"which is not used: {why}; it begins anew" if why else "and goes on from it"
+        if not why and self._chain.maps is not None:
+            self._map_start = "kept"
 
     @property
     def clutch_map(self) -> dict[str, Any] | None:
