@@ -107,7 +107,7 @@ class Chain:
         for name, estimator in self._fed().items():
             now = estimator.snapshot()
             arrays |= {f"{name} memory": now.memory, f"{name} waiting": now.waiting, f"{name} stale": now.stale}
-            values[name] = [layout_of(*estimator.dtypes), now.frame_us, now.frame]
+            values[name] = [self._layouts[name], now.frame_us, now.frame]
         if self.maps is not None:
             waiting, values["maps"] = moment(self.maps)
             arrays |= {f"maps {name}": array for name, array in waiting.items()}
@@ -155,7 +155,7 @@ class Chain:
                 raise BadSnapshotError(f"its {name} are others")
         found: list[tuple[Estimator, Moment]] = []
         for name, estimator in self._fed().items():
-            moment_of = _moment(estimator, name, state)
+            moment_of = _moment(self._layouts[name], name, state)
             wrong = estimator.problem(moment_of)
             if wrong:
                 raise BadSnapshotError(f"its numbers are wrong: {wrong}")
@@ -185,6 +185,11 @@ class Chain:
         assert isinstance(self._estimator, Estimator)
         named = {"estimator": self._estimator}
         return named if self._teacher is None else {**named, "teacher": self._teacher}
+
+    @cached_property
+    def _layouts(self) -> dict[str, str]:
+        """What the memory of each estimator is made of, in a word."""
+        return {name: layout_of(*estimator.dtypes) for name, estimator in self._fed().items()}
 
     @cached_property
     def _identity(self) -> dict[str, str]:
@@ -217,13 +222,13 @@ class Chain:
         return self._estimator.health
 
 
-def _moment(estimator: Estimator, name: str, state: Snapshot) -> Moment:
-    """Return what a state says of one of the estimators."""
+def _moment(layout: str, name: str, state: Snapshot) -> Moment:
+    """Return what a state says of one of the estimators, whose memory has a ``layout``."""
     arrays, values = state.arrays, state.values.get(name)
     if not isinstance(values, list) or len(values) != 3 or not all(isinstance(value, int) for value in values[1:]):
         raise BadSnapshotError(f"its {name} is none")
-    layout, frame_us, frame = values
-    if layout != layout_of(*estimator.dtypes):
+    found, frame_us, frame = values
+    if found != layout:
         raise BadSnapshotError(f"its {name} is another one")
     return Moment(arrays[f"{name} memory"], arrays[f"{name} waiting"], arrays[f"{name} stale"], frame_us, frame)
 

@@ -14,6 +14,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ class Snapshot:
     values: Mapping[str, Any]
 
 
+@cache
 def layout_of(*dtypes: np.dtype[Any]) -> str:
     """Return a word for the layout of records: another one as soon as a field changes."""
     return hashlib.sha256("\n".join(map(repr, dtypes)).encode()).hexdigest()[:16]

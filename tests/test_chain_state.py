@@ -22,7 +22,7 @@ from dctorque_can.snapshot import Snapshot, packed
 KINDS: dict[str, dict[str, str]] = {
     "kalman": {},
     "oh2014": {"estimator.method": "oh2014"},
-    "delays": {"inputs.wheel_speeds.delay_ms": "20"},
+    "delays": {"inputs.engine_speed.delay_ms": "20"},
     "maps": {"clutch_map.enabled": "true"},
 }
 CUTS = 6

@@ -114,6 +114,7 @@ class LogProcess:
         self._base: State = no_state  # at the last point that was confirmed
         self._last_number = 0
         self._rotation = 0  # number of the one that is under way
+        self._opening = 0  # … of the one with which the process began
         self._gap = False  # what comes is dropped until the next rotation
         self._retry_s = 0.0
         self._failing = ""  # why there is no log
@@ -258,7 +259,7 @@ class LogProcess:
         head += [_Message(document_message(name, content)) for name, content in self._documents.items()]
         if not self._gap:  # else the next log begins with a state of its own
             self._last_number += 1
-            self._rotation = self._last_number
+            self._rotation = self._opening = self._last_number
             opening = rotate_message(self._last_number, self._base())
             head.append(_Message(opening, 0, self._last_number, self._base))
         self._waiting.extendleft(reversed([*head, *self._unconfirmed]))
@@ -324,7 +325,8 @@ class LogProcess:
         self.counts.written -= lost
         self.counts.dropped += lost
         self._size = int(report["size"])
-        self._deaths = 0
+        if number != self._opening:  # more than a log that can be begun
+            self._deaths = 0
         if number == self._rotation:
             self._rotation = 0
         age_s = report.get("age_s")

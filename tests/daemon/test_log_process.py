@@ -87,7 +87,7 @@ def test_everything_handed_over_is_written(process: LogProcess, config: Config) 
 
 
 def test_a_killed_writer_is_replaced_and_nothing_is_missing_or_doubled(process: LogProcess) -> None:
-    """What it had not confirmed goes to the next one, with the state of the last confirmed point; the rest ends there."""
+    """What it had not confirmed goes to the next one, with the state of the last confirmed point."""
     process.hand_over(batch(0), BATCH)
     process.flush(lambda: b"state 0")
     wait_until(process, f"counts.written == {BATCH}")

@@ -40,11 +40,12 @@ def send_for_ever(arguments: dict[str, object], frames: Frames, begin: threading
             while at < len(messages):
                 end = int(np.searchsorted(due_s, time.monotonic() - began_s))
                 for message in messages[at:end]:
+                    message.timestamp = time.time()  # the virtual bus keeps it
                     bus.send(message)
                 at = end
                 number += 1
                 data = number.to_bytes(8, "little")
-                bus.send(can.Message(arbitration_id=NUMBERED, data=data, is_extended_id=False))
+                bus.send(can.Message(time.time(), NUMBERED, is_extended_id=False, data=data))
                 time.sleep(STEP_S)
             began_s = time.monotonic()
 
