@@ -135,6 +135,7 @@ NO_COMPILED_CODE = (
     "identify",
     "offline",
     "report",
+    "snapshot.py",
     "starter",
     "study",
 )
@@ -231,7 +232,7 @@ def documented() -> dict[str, set[str]]:
         if "the words" in known:
             found[name] |= set(WORDS)
         if "every other folder" in known:
-            found[name] |= set(ALLOWED) - {name, "chain"}
+            found[name] |= set(ALLOWED) - {name, "chain", "snapshot"}
     return found
 
 

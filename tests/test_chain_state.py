@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 from dctorque_can.chain import Chain
+from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.config.load import Config, load_config
 from dctorque_can.offline.simulated_car import DriveName, ProfileName, simulate_car
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.resources import shipped_config
 from dctorque_can.snapshot import Snapshot, packed
+
+from .clutch_maps.car import capacity, rows_of, samples_of
 
 KINDS: dict[str, dict[str, str]] = {
     "kalman": {},
@@ -102,6 +105,33 @@ def test_the_same_frames_give_the_same_bits_from_a_state_on(kind: str) -> None:
         assert again.health.tobytes() == whole.health.tobytes()
 
 
+def test_a_chain_that_uses_kept_maps_goes_on_to_the_same_bits_with_the_same_maps_alone() -> None:
+    """Then there are two estimators, one of which knows the maps."""
+    config = load_config(
+        shipped_config("paper_car"), {"clutch_map.enabled": "true", "clutch_map.use_as_command": "true"}
+    )
+    frames = driven()
+
+    def begun() -> Chain:
+        assert config.clutch_map is not None
+        maps = ClutchMaps(config.clutch_map)
+        t_us = np.arange(0, 60_000_000, 10_000)
+        x = 5.2 + 1.9 * np.sin(2e-6 * np.pi * t_us / 4.0)
+        maps.take(samples_of(t_us, x), rows_of(t_us, capacity(x)))
+        chain = Chain(config, maps=maps)
+        assert chain.commands is not None
+        return chain
+
+    whole = begun()
+    whole.feed(frames[:9000])
+    whole.map_rows()
+    content = whole.packed(whole.state())
+    again = begun()
+    assert again.restore(content) == ""
+    assert fed(again, frames[9000:]) == fed(whole, frames[9000:])
+    assert Chain(config).restore(content) == "it is of another kept clutch map"
+
+
 def test_a_state_is_a_copy() -> None:
     chain, frames = begun("kalman"), driven()
     chain.feed(frames[:5000])
@@ -165,7 +195,7 @@ def test_damaged_bytes_are_refused_with_one_line() -> None:
 def test_no_number_of_a_state_leads_out_of_a_table_or_holds_up_a_loop(kind: str) -> None:
     """Each word of the memory gets what none has; what is taken over is fed. `tools/check` checks every index."""
     config, found = moments(kind)
-    refused, taken = mutated(config, found, np.random.default_rng(5), 40)
+    refused, taken = mutated(config, found, np.random.default_rng(5), 24)
     assert refused
     assert taken
 

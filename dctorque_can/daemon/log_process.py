@@ -40,7 +40,10 @@ RESTART_S = 1.0
 RETRY_S = 10.0  # after a log that could not be written
 OPEN_TIMEOUT_S = 30.0
 CLOSE_TIMEOUT_S = 30.0
-_MOST_DEATHS = 3  # without a confirmation in between: what is handed over may be what kills it
+_MOST_DEATHS = (
+    5  # behind the beginning of a log, without a confirmation: it may be what it is handed that kills it
+)
+_MOST_POINTS = 20  # that are not confirmed: each has a copy of the state
 
 State = Callable[[], bytes]
 """Gives the bytes of a state that was copied when this was made."""
@@ -113,6 +116,7 @@ class LogProcess:
         self._unconfirmed: deque[_Message] = deque()  # that the pipe has taken
         self._base: State = no_state  # at the last point that was confirmed
         self._last_number = 0
+        self._points: set[int] = set()  # that are not confirmed
         self._rotation = 0  # number of the one that is under way
         self._opening = 0  # … of the one with which the process began
         self._gap = False  # what comes is dropped until the next rotation
@@ -174,19 +178,22 @@ class LogProcess:
         self._gap = False
         self._rotation = self._point(lambda number: rotate_message(number, state()), state)
 
-    def flush(self, state: State = no_state, received_s: float | None = None) -> None:
-        """Have all that was handed over written.
+    def flush(self, state: State = no_state, received_s: float | None = None) -> bool:
+        """Have all that was handed over written; return whether that was asked for: not while too much waits.
 
         Args:
             state: after that.
             received_s: monotonic time at which the oldest of it was received; None: now.
         """
-        if not self._gap:
-            since_s = time.monotonic() if received_s is None else received_s
-            self._point(lambda number: flush_message(number, since_s), state)
+        if self._gap or len(self._points) >= _MOST_POINTS:
+            return False
+        since_s = time.monotonic() if received_s is None else received_s
+        self._point(lambda number: flush_message(number, since_s), state)
+        return True
 
     def _point(self, content: Callable[[int], bytes], state: State) -> int:
         self._last_number += 1
+        self._points.add(self._last_number)
         self._queue(_Message(content(self._last_number), 0, self._last_number, state))
         return self._last_number
 
@@ -319,6 +326,7 @@ class LogProcess:
         while self._unconfirmed:
             message = self._unconfirmed.popleft()
             self.counts.written += message.frames
+            self._points.discard(message.number)
             if message.number == number:
                 self._base = message.state
                 break
@@ -349,7 +357,8 @@ class LogProcess:
         self._read_reports(to_the_end=True)
         code = self._process.returncode
         self._forget()
-        self._deaths += 1
+        if self._opened_s is not None:
+            self._deaths += 1
         frames = sum(message.frames for message in (*self._unconfirmed, *self._waiting))
         if self._deaths >= _MOST_DEATHS:
             self._drop_everything()
@@ -377,6 +386,7 @@ class LogProcess:
         self.counts.dropped += sum(message.frames for message in (*self._unconfirmed, *self._waiting))
         self._unconfirmed.clear()
         self._waiting.clear()
+        self._points.clear()
         self._waiting_bytes = self._begun = 0
 
     def _look_at_recovery(self) -> None:

@@ -137,8 +137,7 @@ class Recorder:
             self.rotate()
         elif now_s >= self._flush_s:
             self._flush_s = now_s + self._flush_every_s
-            if self._received_s is not None:
-                self._log.flush(self._state(), self._received_s)
+            if self._received_s is not None and self._log.flush(self._state(), self._received_s):
                 self._received_s = None
         self._log.pump()
 

@@ -27,15 +27,14 @@ from dctorque_can.config.load import Config, load_documents
 from dctorque_can.daemon.kept_maps import MAPS, begun, read_state, state_name, state_of
 from dctorque_can.daemon.log_plan import OWN_MARK, STATE_NAME
 from dctorque_can.errors import DctorqueError
-from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
 from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.output_file import remove_partial
-from dctorque_can.logs.reader import LogReader, open_log
+from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.reorder import Reorder
 from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
-from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
+from dctorque_can.offline.truth_log import truth_of, write_truth
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
 from dctorque_can.pipeline.frames import Frames
 
@@ -97,7 +96,7 @@ class ReplayResult:
 
     Attributes:
         output: the new log, or None.
-        begins: the state that the first log begins with, and whether it was used, in a line; "": there is none.
+        state: that the first log begins with: None if it has none, "" if it was used, else why it was not.
         frames: read.
         estimates: given.
         smoothed: whether these are smoothed.
@@ -117,7 +116,7 @@ class ReplayResult:
     """
 
     output: Path | None
-    begins: str
+    state: str | None
     frames: int
     estimates: int
     smoothed: bool
@@ -162,41 +161,6 @@ def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config
 REORDER_US = 100_000
 """Window within which frames of others' logs are sorted, where the vehicle file gives none."""
 
-_NEEDED = "comparing needs a log of `dctorque simulate`"
-
-
-def truth_source(log: Path) -> Path:
-    """Return the file with the truth of a simulated log: the MCAP itself, or beside a log of another format.
-
-    Raises:
-        DctorqueError: there is none.
-    """
-    plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
-    if plain.suffix.lower() == ".asc":
-        with open_log(log) as reader:
-            dated = reader.start_us is not None
-        if not dated:
-            raise DctorqueError(
-                f"{log}: names no date that is understood. So its times count from the first frame, those of "
-                "the truth from 1970: there is no comparing them; simulate to .mcap, .blf or .log"
-            )
-    source = truth_path(plain)
-    if source != log and not source.exists():
-        raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {_NEEDED}")
-    return source
-
-
-def truth_of(log: Path) -> NDArray[np.void]:
-    """Return the truth of a simulated log.
-
-    Raises:
-        DctorqueError: there is none.
-    """
-    try:
-        return read_truth(truth_source(log))
-    except LogReadError as error:
-        raise LogReadError(f"{error}; {_NEEDED}") from error
-
 
 def replay_logs(
     logs: Sequence[LogReader],
@@ -216,7 +180,7 @@ def replay_logs(
     replay = _Replay(config, targets, content, start)
     state = logs[0].documents.get(STATE_NAME)
     if state is not None:
-        replay.begin_with(state, logs[0].path)
+        replay.begin_with(state)
     began_s = time.monotonic()
     try:
         with replay:
@@ -241,7 +205,7 @@ def replay_logs(
         raise
     return ReplayResult(
         output=targets.log,
-        begins=replay.begins,
+        state=replay.state,
         frames=replay.traffic.frames,
         estimates=replay.status.estimates,
         smoothed=content.smooth,
@@ -296,7 +260,7 @@ class _Replay:
         self.status = StatusShares()
         self.transmission = TransmissionFigures()
         self.time = TrafficTime()
-        self.begins = ""
+        self.state: str | None = None
         self._config = config
         self._content = content
         self._player = targets.player
@@ -322,12 +286,10 @@ class _Replay:
         if self._log is not None:
             self._log.close()
 
-    def begin_with(self, state: bytes, log: Path) -> None:
+    def begin_with(self, state: bytes) -> None:
         """Go on where the service stood when it began a log, if this is the same estimator."""
-        why = self._chain.restore(state)
-        self.begins = f"{log}: begins with a state of the estimator, "
-        self.begins += f"which is not used: {why}; it begins anew" if why else "and goes on from it"
-        if not why and self._chain.maps is not None:
+        self.state = self._chain.restore(state)
+        if not self.state and self._chain.maps is not None:
             self._map_start = "kept"
 
     @property

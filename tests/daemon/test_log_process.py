@@ -111,10 +111,10 @@ def test_a_killed_writer_is_replaced_and_nothing_is_missing_or_doubled(process: 
 def test_a_writer_that_dies_again_and_again_does_not_get_the_same_for_ever(
     process: LogProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is handed over may be what kills it: after the third time it goes, and a new log begins."""
+    """What is handed over may be what kills it: after the fifth time it goes, and a new log begins."""
     monkeypatch.setattr(log_process, "RESTART_S", 0.0)
     process.hand_over(message(Kind.TABLE, b"no table\0"), 7)
-    wait_until(process, "counts.restarts == 3")
+    wait_until(process, "counts.restarts == 5")
     assert process.counts.dropped == 7
     assert process.wants_new(time.monotonic())
     process.rotate(lambda: b"state")

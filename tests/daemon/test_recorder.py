@@ -25,8 +25,9 @@ class Written:
     def hand_over(self, content: bytes, frames: int = 0) -> None:
         self.calls.append(("frames", time.monotonic(), frames))
 
-    def flush(self, state: State, received_s: float) -> None:
+    def flush(self, state: State, received_s: float) -> bool:
         self.calls.append(("flush", time.monotonic(), (received_s, state())))
+        return True
 
     def rotate(self, state: State) -> None:
         self.calls.append(("rotate", time.monotonic(), state()))
