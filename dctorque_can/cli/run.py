@@ -156,6 +156,11 @@ def _show(summary: Summary) -> None:
     if log is not None:
         paths = ", ".join(str(path) for path in log.paths)
         say(f"log: {log.written} frames in {paths}" + (f"; {log.dropped} frames missing" if log.dropped else ""))
+        if log.late_flushes:
+            say(
+                f"log: {log.late_flushes} times later with the operating system than logging.flush_ms, "
+                f"{log.slowest_flush_ms:.0f} ms after receiving at most"
+            )
 
 
 def _shown(count: object) -> str:
