@@ -81,19 +81,25 @@ class Disk:
             self._syncing = None
 
     def _sync(self, now_s: float, log: McapLog) -> None:
-        """Begin to have the disk take everything, in a thread: meanwhile writing goes on."""
-        if self._plan.fsync_s <= 0 or now_s < self._sync_s or not log.path.is_file():
-            return
+        """Have the disk take everything if it is time to."""
         if self._syncing is not None:
             if not self._syncing.done():
                 return
-            self._syncing.result()
-        self._sync_s = now_s + self._plan.fsync_s
+            syncing, self._syncing = self._syncing, None
+            syncing.result()
+        if self._plan.fsync_s > 0 and now_s >= self._sync_s:
+            self._sync_s = now_s + self._plan.fsync_s
+            self.begin_sync(log)
+
+    def begin_sync(self, log: McapLog) -> None:
+        """Begin to have the disk take a log, in a thread: meanwhile writing goes on. A device has no disk."""
+        if not log.path.is_file():
+            return
         number = os.dup(log.fileno())
 
         def sync() -> None:
             try:
-                os.fdatasync(number)
+                os.fsync(number)
             finally:
                 os.close(number)
 

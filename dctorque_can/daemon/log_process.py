@@ -89,12 +89,14 @@ class _Message(NamedTuple):
         frames: that it holds.
         number: of the point that it is, 0 for none.
         state: at that point.
+        again: whether the next process gets it too, if this one dies.
     """
 
     content: bytes
     frames: int = 0
     number: int = 0
     state: State = no_state
+    again: bool = True
 
 
 class LogProcess:
@@ -145,7 +147,7 @@ class LogProcess:
                 self.close()
                 raise DctorqueError(f"no log: {reason}")
             time.sleep(0.01)
-        self._recovery.begin()
+        self._recovery.begin(self.counts.paths)
 
     def hand_over(self, content: bytes, frames: int = 0) -> None:
         """Queue one message that holds ``frames`` frames; it is dropped, and counted, when too much waits."""
@@ -262,14 +264,16 @@ class LogProcess:
             fcntl.fcntl(process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.set_blocking(process.stdin.fileno(), False)
         os.set_blocking(process.stdout.fileno(), False)
-        head = [_Message(json_message(Kind.SETUP, self._plan.as_json() | {"opened": len(self.counts.paths)}))]
-        head += [_Message(document_message(name, content)) for name, content in self._documents.items()]
+        head = [json_message(Kind.SETUP, self._plan.as_json() | {"opened": len(self.counts.paths)})]
+        head += [document_message(name, content) for name, content in self._documents.items()]
+        messages = [_Message(content, again=False) for content in head]
         if not self._gap:  # else the next log begins with a state of its own
             self._last_number += 1
             self._rotation = self._opening = self._last_number
             opening = rotate_message(self._last_number, self._base())
-            head.append(_Message(opening, 0, self._last_number, self._base))
-        self._waiting.extendleft(reversed([*head, *self._unconfirmed]))
+            messages.append(_Message(opening, 0, self._last_number, self._base, again=False))
+        messages += [message for message in (*self._unconfirmed, *self._waiting) if message.again]
+        self._waiting = deque(messages)
         self._waiting_bytes = sum(len(message.content) for message in self._waiting)
         self._unconfirmed.clear()
         self._begun = 0
@@ -368,7 +372,7 @@ class LogProcess:
             left = f"the {frames} frames that it had not confirmed go to the next one"
         self.news.append((True, f"the log writer ended with code {code} and is started anew; {left}"))
         if self._opened_s is not None and self._size:
-            self._recovery.begin({str(self.counts.paths[-1]): self._size})
+            self._recovery.cut(self.counts.paths[-1], self._size)
         self._opened_s = None
         self._restart_at_s = time.monotonic() + RESTART_S
 

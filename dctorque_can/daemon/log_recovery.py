@@ -12,7 +12,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -33,29 +33,29 @@ class LogRecovery:
 
     def __init__(self, folder: LogFolder) -> None:
         self._folder = folder
-        self._wanted: list[dict[str, int]] = []
+        self._wanted: list[tuple[dict[str, int], list[str]]] = []
         self._cut: dict[str, int] = {}
         self._process: subprocess.Popen[bytes] | None = None
         self._told = b""
 
-    def begin(self, cut: Mapping[str, int] | None = None) -> None:
-        """Close every torn log of the folder.
+    def begin(self, but: Sequence[Path]) -> None:
+        """Close every torn log of the folder but those of this run: of these the service knows where they end."""
+        self._wanted.append(({}, [str(path) for path in but]))
 
-        Args:
-            cut: path of a log to the size at which it ends: what is behind that stands in the next one.
-        """
-        self._wanted.append(dict(cut or {}))
+    def cut(self, path: Path, size: int) -> None:
+        """Close a log that ends at a size: what is behind that stands in the next one."""
+        self._wanted.append(({str(path): size}, []))
 
     @property
     def cuts(self) -> bool:
         """Whether a log still stands that ends too late: nobody knows after a restart where its end is."""
-        return bool(self._cut or any(self._wanted))
+        return bool(self._cut or any(cut for cut, _ in self._wanted))
 
     def news(self) -> Iterator[tuple[Path | None, bool, str]]:
         """Yield what happened: a log that is whole again or None, is an error, text."""
         if self._process is None:
             if self._wanted:
-                self._start(self._wanted.pop(0))
+                self._start(*self._wanted.pop(0))
             return
         assert self._process.stdout is not None
         ended = self._process.poll() is not None
@@ -80,10 +80,10 @@ class LogRecovery:
             self._process.stdout.close()
             self._process = None
 
-    def _start(self, cut: dict[str, int]) -> None:
+    def _start(self, cut: dict[str, int], but: list[str]) -> None:
         self._cut = cut
         folder = {"directory": str(self._folder.directory), "vehicle": self._folder.vehicle}
-        words = json.dumps({**folder, "stem": self._folder.stem, "cut": cut})
+        words = json.dumps({**folder, "stem": self._folder.stem, "cut": cut, "but": but})
         self._process = subprocess.Popen(
             [sys.executable, "-m", "dctorque_can.daemon.log_recovery", words],
             stdin=subprocess.DEVNULL,
@@ -149,14 +149,22 @@ def _sync(folder: Path) -> None:
         os.close(number)
 
 
-def finalise_all(folder: LogFolder, cut: Mapping[str, int]) -> Iterator[tuple[Path | None, bool, str]]:
-    """Close all torn logs of a folder, and those that end at a known size; yield what is to be told."""
+def finalise_all(
+    folder: LogFolder, cut: Mapping[str, int], but: Sequence[str] = ()
+) -> Iterator[tuple[Path | None, bool, str]]:
+    """Close torn logs and yield what is to be told.
+
+    Args:
+        folder: all of which are closed if there is no ``cut``.
+        cut: path of a log to the size at which it ends.
+        but: paths of logs that stay as they are.
+    """
     try:
-        paths = [log.path for log in folder.own_logs()]
+        paths = [Path(path) for path in cut] or [log.path for log in folder.own_logs() if str(log.path) not in but]
     except OSError as error:
         yield None, True, f"{folder.directory}: cannot be looked through for torn logs: {error.strerror}"
         return
-    for path in dict.fromkeys([*map(Path, cut), *paths]):
+    for path in paths:
         try:
             told = finalise(path, cut.get(str(path)))
         except FileNotFoundError:  # it was deleted meanwhile to keep the quota
@@ -174,7 +182,7 @@ def main() -> None:
     os.nice(10)
     words = json.loads(sys.argv[1])
     folder = LogFolder(Path(words["directory"]), words["stem"], vehicle=words["vehicle"])
-    for told in finalise_all(folder, words["cut"]):
+    for told in finalise_all(folder, words["cut"], words["but"]):
         path, is_error, text = told
         line = json.dumps([None if path is None else str(path), is_error, text])
         with suppress(BrokenPipeError):  # whoever wanted to know is gone

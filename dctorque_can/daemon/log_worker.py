@@ -150,7 +150,7 @@ class LogWorker:
             number = logs[-1].number + 1 if logs else 1
             metadata = {**mark(folder.vehicle, folder.stem, number), **self._plan.metadata}
             self._log = McapLog(path, documents=documents, metadata=metadata, chunk_size=CHUNK, held=True)
-            self._log.sync()  # the mark is what a log is known by after a power cut
+            self._disk.begin_sync(self._log)  # the mark is what a log is known by after a power cut
         except OSError as error:
             self._give_up(f"{error.filename or path}: {error.strerror}")
             _remove_empty(path)

@@ -107,7 +107,7 @@ def test_a_service_without_free_space_estimates_on_and_counts(config: Config, tm
 def test_the_disk_takes_everything_at_the_interval(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a thread of its own; the next one is begun when that is over, and closing waits for it."""
     synced: list[float] = []
-    monkeypatch.setattr(os, "fdatasync", lambda number: synced.append(os.fstat(number).st_size))
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(os.fstat(number).st_size))
     disk = Disk(plan(tmp_path, 0.0, fsync_s=5.0))
     with McapLog(tmp_path / "x.mcap") as log:
         for now_s in (10.0, 12.0, 14.9, 15.0, 19.0, 20.5):
@@ -122,7 +122,7 @@ def test_a_disk_that_does_not_take_it_is_told(tmp_path: Path, monkeypatch: pytes
     def fails(number: int) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(os, "fdatasync", fails)
+    monkeypatch.setattr(os, "fsync", fails)
     disk, given_up = Disk(plan(tmp_path, 0.0, fsync_s=1.0)), list[str]()
     with McapLog(tmp_path / "x.mcap") as log:
         disk.look(10.0, log, given_up.append)

@@ -108,6 +108,23 @@ def test_a_killed_writer_is_replaced_and_nothing_is_missing_or_doubled(process: 
         assert log.documents[STATE_NAME] == b"state 0"
 
 
+def test_writers_that_are_killed_while_they_start_leave_no_log_behind(
+    process: LogProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last one gets everything, once, in one log."""
+    monkeypatch.setattr(log_process, "RESTART_S", 0.0)
+    process.hand_over(batch(0), BATCH)
+    for number in range(1, 5):
+        os.kill(worker_pid(process), signal.SIGKILL)
+        wait_until(process, f"counts.restarts == {number}")
+        process.hand_over(batch(number), BATCH)
+    process.close()
+    first, second = process.counts.paths
+    assert times_in(first) == []
+    assert times_in(second) == [k * 1_000_000 + 1000 * n for k in range(1, 6) for n in range(BATCH)]
+    assert (process.counts.written, process.counts.dropped) == (5 * BATCH, 0)
+
+
 def test_a_writer_that_dies_again_and_again_does_not_get_the_same_for_ever(
     process: LogProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -138,7 +138,7 @@ def test_the_service_hears_of_it(tmp_path: Path) -> None:
     ends = write(path)
     path.write_bytes(path.read_bytes()[: ends[2] + 50])
     recovery = LogRecovery(folder(tmp_path))
-    recovery.begin()
+    recovery.begin([])
     told: list[tuple[Path | None, bool, str]] = []
     while not told:
         told += recovery.news()
@@ -167,3 +167,13 @@ def test_files_have_the_mode_that_the_umask_leaves(tmp_path: Path) -> None:
     finally:
         os.umask(before)
     assert (tmp_path / "x.mcap").stat().st_mode & 0o777 == 0o640
+
+
+def test_logs_of_this_run_are_left_to_the_service(tmp_path: Path) -> None:
+    """It alone knows where one ends whose writer has just died, and a rewritten one would end elsewhere."""
+    path = tmp_path / NAME
+    ends = write(path)
+    torn = path.read_bytes()[: ends[2] + 50]
+    path.write_bytes(torn)
+    assert list(finalise_all(folder(tmp_path), {}, [str(path)])) == []
+    assert path.read_bytes() == torn
