@@ -12,6 +12,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -22,6 +23,7 @@ from dctorque_can.logs.mcap.recover import Recovery, recover
 
 _END = b"\x89MCAP0\r\n"
 _PART = ".part"
+_PATIENCE_S = 10.0
 
 
 class LogRecovery:
@@ -93,12 +95,13 @@ class LogRecovery:
         os.set_blocking(self._process.stdout.fileno(), False)
 
 
-def finalise(path: Path, size: int | None = None) -> tuple[Path | None, bool, str] | None:
+def finalise(path: Path, size: int | None = None, patience_s: float = 0.0) -> tuple[Path | None, bool, str] | None:
     """Close a torn log, and return what is to be told of it; None for one that is whole or held by somebody.
 
     Args:
         path: of the log.
         size: at which it ends, if more of it is known to stand elsewhere.
+        patience_s: for which somebody may still hold it: a process that was killed may be waiting for the disk.
 
     Raises:
         OSError: it cannot be read, or nothing can be written beside it.
@@ -106,9 +109,7 @@ def finalise(path: Path, size: int | None = None) -> tuple[Path | None, bool, st
     """
     number = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
     with os.fdopen(number, "rb+", buffering=0) as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not _locked(number, patience_s):
             return None
         length = file.seek(0, os.SEEK_END)
         file.seek(max(length - len(_END), 0))
@@ -117,6 +118,20 @@ def finalise(path: Path, size: int | None = None) -> tuple[Path | None, bool, st
         if size is not None and size < length:
             file.truncate(size)
         return _replaced(path, os.fstat(number).st_mode)
+
+
+def _locked(number: int, patience_s: float) -> bool:
+    """Lock an open file, and return whether that was possible."""
+    limit = time.monotonic() + patience_s
+    while True:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() >= limit:
+                return False
+            time.sleep(0.05)
+        else:
+            return True
 
 
 def _replaced(path: Path, mode: int) -> tuple[Path | None, bool, str]:
@@ -150,7 +165,7 @@ def _sync(folder: Path) -> None:
 
 
 def finalise_all(
-    folder: LogFolder, cut: Mapping[str, int], but: Sequence[str] = ()
+    folder: LogFolder, cut: Mapping[str, int], but: Sequence[str] = (), patience_s: float = 0.0
 ) -> Iterator[tuple[Path | None, bool, str]]:
     """Close torn logs and yield what is to be told.
 
@@ -158,6 +173,7 @@ def finalise_all(
         folder: all of which are closed if there is no ``cut``.
         cut: path of a log to the size at which it ends.
         but: paths of logs that stay as they are.
+        patience_s: for which somebody may still hold one.
     """
     try:
         paths = [Path(path) for path in cut] or [log.path for log in folder.own_logs() if str(log.path) not in but]
@@ -166,7 +182,7 @@ def finalise_all(
         return
     for path in paths:
         try:
-            told = finalise(path, cut.get(str(path)))
+            told = finalise(path, cut.get(str(path)), patience_s)
         except FileNotFoundError:  # it was deleted meanwhile to keep the quota
             continue
         except OSError as error:
@@ -182,7 +198,7 @@ def main() -> None:
     os.nice(10)
     words = json.loads(sys.argv[1])
     folder = LogFolder(Path(words["directory"]), words["stem"], vehicle=words["vehicle"])
-    for told in finalise_all(folder, words["cut"], words["but"]):
+    for told in finalise_all(folder, words["cut"], words["but"], _PATIENCE_S):
         path, is_error, text = told
         line = json.dumps([None if path is None else str(path), is_error, text])
         with suppress(BrokenPipeError):  # whoever wanted to know is gone

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -85,12 +84,11 @@ def test_a_killed_service_leaves_closed_logs_with_all_that_was_handed_over(
     victim: subprocess.Popen[str], folder: Path, tmp_path: Path
 ) -> None:
     """The log process ends with one line, and of what the service had received at most 50 ms are missing."""
-    (writer,) = log_writers(victim.pid)
+    assert len(log_writers(victim.pid)) == 1
     os.kill(victim.pid, signal.SIGKILL)
     victim.wait()
     assert victim.stderr is not None
     lines = victim.stderr.read().splitlines()  # ends when the log process does
-    assert not Path(f"/proc/{writer}").exists()
     last = [line for line in lines if not line.startswith("logging to")]
     assert len(last) == 1
     assert last[0].startswith("dctorque: the service is gone; all that it handed over is in ")
@@ -111,10 +109,8 @@ def test_when_all_is_killed_the_next_start_closes_what_is_torn(
     for pid in (*writers, victim.pid):
         os.kill(pid, signal.SIGKILL)
     victim.wait()
-    while any(Path(f"/proc/{pid}/exe").exists() for pid in writers):
-        time.sleep(0.01)
     config = load_config(shipped_config("paper_car"), {"logging.directory": str(folder)})
-    told = list(finalise_all(plan_for(config).folder, {}))
+    told = list(finalise_all(plan_for(config).folder, {}, patience_s=600.0))
     assert not any(is_error for _, is_error, _ in told)
     numbers = []
     for log in plan_for(config).folder.own_logs():
