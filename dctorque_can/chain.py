@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can import __version__
 from dctorque_can.bus.decoder import Decoder
 from dctorque_can.clutch_maps.commands import Commands
 from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.rows import CLUTCH_MAP
+from dctorque_can.clutch_maps.state import BadStateError, go_on_from, moment
+from dctorque_can.clutch_maps.windows import LAYOUTS
+from dctorque_can.config.identity import database_digest, vehicle_digest
 from dctorque_can.config.load import Config
+from dctorque_can.pipeline import delays
 from dctorque_can.pipeline.estimates import Estimates
-from dctorque_can.pipeline.estimator import FEW, Estimator, warm_up
+from dctorque_can.pipeline.estimator import FEW, Estimator, Moment, warm_up
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.pipeline.samples import Input, Samples
 from dctorque_can.pipeline.settings import Settings
 from dctorque_can.pipeline.smoothing import Smoother
+from dctorque_can.snapshot import BadSnapshotError, Snapshot, layout_of, packed, unpacked
 
 _COMMAND_LAG_S = 1e-3  # of the torque behind a position: none that counts
 NO_MAP_ROWS = np.zeros(0, CLUTCH_MAP)
@@ -88,6 +97,111 @@ class Chain:
                 self._map_rows.append(rows)
         return estimates
 
+    def state(self) -> Snapshot:
+        """Return a copy of all that `feed` changes; what a chain was made to smooth remembers is no part of it."""
+        arrays: dict[str, NDArray[Any]] = {
+            "messages": self._decoder.messages.copy(),
+            "terms": self._decoder.terms.copy(),
+        }
+        values: dict[str, Any] = {}
+        for name, estimator in self._fed().items():
+            now = estimator.snapshot()
+            arrays |= {f"{name} memory": now.memory, f"{name} waiting": now.waiting, f"{name} stale": now.stale}
+            values[name] = [self._layouts[name], now.frame_us, now.frame]
+        if self.maps is not None:
+            waiting, values["maps"] = moment(self.maps)
+            arrays |= {f"maps {name}": array for name, array in waiting.items()}
+        return Snapshot(arrays, values)
+
+    def packed(self, state: Snapshot) -> bytes:
+        """Return a `state` as bytes, for `restore`."""
+        return packed(state, self._identity)
+
+    def restore(self, content: bytes) -> str:
+        """Go on from where the chain stood whose `packed` state it was: the same frames then give the same bits.
+
+        For a chain that has not been fed, but for one that smooths. Nothing in ``content`` is believed unseen.
+
+        Returns:
+            "", or why it cannot be used, as a subordinate clause; the chain is as it was then.
+        """
+        if self._smoother is not None:
+            return "smoothing begins anew"
+        dtypes: dict[str, np.dtype[Any]] = {
+            "messages": self._decoder.messages.dtype,
+            "terms": self._decoder.terms.dtype,
+        }
+        for name in self._fed():
+            dtypes |= {f"{name} memory": np.dtype(np.int64), f"{name} waiting": delays.SAMPLES}
+            dtypes[f"{name} stale"] = np.dtype(np.uint8)
+        if self.maps is not None:
+            dtypes |= {f"maps {name}": dtype for name, dtype in LAYOUTS.items()}
+        try:
+            self._take_over(unpacked(content, self._identity, dtypes))
+        except BadSnapshotError as error:
+            return str(error)
+        return ""
+
+    def _take_over(self, state: Snapshot) -> None:
+        """Take over a state if all of it is good.
+
+        Raises:
+            BadSnapshotError: it is not, and nothing has changed.
+        """
+        arrays = state.arrays
+        own = {"messages": self._decoder.messages, "terms": self._decoder.terms}
+        for name, rows in own.items():
+            if len(arrays[name]) != len(rows):
+                raise BadSnapshotError(f"its {name} are others")
+        found: list[tuple[Estimator, Moment]] = []
+        for name, estimator in self._fed().items():
+            moment_of = _moment(self._layouts[name], name, state)
+            wrong = estimator.problem(moment_of)
+            if wrong:
+                raise BadSnapshotError(f"its numbers are wrong: {wrong}")
+            found.append((estimator, moment_of))
+        maps = self._maps_of(state)
+        for name, rows in own.items():
+            rows[:] = arrays[name]
+        for estimator, moment_of in found:
+            estimator.restore(moment_of)
+        if maps is not None:
+            self.maps = maps
+
+    def _maps_of(self, state: Snapshot) -> ClutchMaps | None:
+        """Return new maps that go on from a state; None where none are learned."""
+        if self.maps is None or self._config.clutch_map is None:
+            return None
+        maps = ClutchMaps(self._config.clutch_map)
+        waiting = {name: state.arrays[f"maps {name}"] for name in LAYOUTS}
+        try:
+            go_on_from(maps, waiting, state.values["maps"])
+        except (KeyError, BadStateError) as error:
+            raise BadSnapshotError(f"its maps are wrong: {error}") from error
+        return maps
+
+    def _fed(self) -> dict[str, Estimator]:
+        """Return the estimators by name."""
+        assert isinstance(self._estimator, Estimator)
+        named = {"estimator": self._estimator}
+        return named if self._teacher is None else {**named, "teacher": self._teacher}
+
+    @cached_property
+    def _layouts(self) -> dict[str, str]:
+        """What the memory of each estimator is made of, in a word."""
+        return {name: layout_of(*estimator.dtypes) for name, estimator in self._fed().items()}
+
+    @cached_property
+    def _identity(self) -> dict[str, str]:
+        """What a state must agree with."""
+        commands = self.commands
+        return {
+            "version of dctorque_can": __version__,
+            "vehicle file": vehicle_digest(self._config),
+            "database": database_digest(self._config),
+            "kept clutch map": "" if commands is None else hashlib.sha256(commands.content()).hexdigest(),
+        }
+
     def map_rows(self) -> NDArray[np.void]:
         """Return the `CLUTCH_MAP` rows that became due since the last call ``[n]``."""
         if not self._map_rows:
@@ -106,6 +220,17 @@ class Chain:
     def health(self) -> NDArray[np.void]:
         """`HEALTH` ``[1]`` as of the last frame."""
         return self._estimator.health
+
+
+def _moment(layout: str, name: str, state: Snapshot) -> Moment:
+    """Return what a state says of one of the estimators, whose memory has a ``layout``."""
+    arrays, values = state.arrays, state.values.get(name)
+    if not isinstance(values, list) or len(values) != 3 or not all(isinstance(value, int) for value in values[1:]):
+        raise BadSnapshotError(f"its {name} is none")
+    found, frame_us, frame = values
+    if found != layout:
+        raise BadSnapshotError(f"its {name} is another one")
+    return Moment(arrays[f"{name} memory"], arrays[f"{name} waiting"], arrays[f"{name} stale"], frame_us, frame)
 
 
 def _commanded(settings: Settings, commands: Commands) -> Settings:

@@ -9,7 +9,7 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-from dctorque_can.bus.decoder_memory import decode_batch, decoder_memory
+from dctorque_can.bus.decoder_memory import decode_batch, decoder_memory, message_states, term_states
 from dctorque_can.bus.layout import MAX_BYTES
 from dctorque_can.bus.problems import InputError, input_problems, shared_frames
 from dctorque_can.bus.tables import build_tables
@@ -93,6 +93,16 @@ class Decoder:
         Every other frame is ignored, unless it is a message of J1939 by its address.
         """
         return self._can_ids
+
+    @property
+    def messages(self) -> NDArray[np.void]:
+        """`MESSAGE_STATE` ``[n]``, a row for each message that is read: all that changes beside the `terms`."""
+        return message_states(self._memory)
+
+    @property
+    def terms(self) -> NDArray[np.void]:
+        """`TERM_STATE` ``[n]``, a row for each term of an input."""
+        return term_states(self._memory)
 
     def decode(self, frames: Frames) -> Samples:
         """Return the samples of the frames, in their order.

@@ -22,6 +22,16 @@ def decoder_memory(tables: DecoderTables) -> NDArray[np.int64]:
     )
 
 
+def message_states(memory: NDArray[np.int64]) -> NDArray[np.void]:
+    """Return the `MESSAGE_STATE` rows in the memory of a decoder."""
+    return memory[memory[10] : memory[11]].view(MESSAGE_STATE)
+
+
+def term_states(memory: NDArray[np.int64]) -> NDArray[np.void]:
+    """Return the `TERM_STATE` rows in the memory of a decoder."""
+    return memory[memory[11] : memory[12]].view(TERM_STATE)
+
+
 @compiled
 def decode_batch(
     t_us: NDArray[np.int64],

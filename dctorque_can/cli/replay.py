@@ -91,6 +91,9 @@ def replay(
             result = replay_logs(readers, loaded, ReplayTargets(output, player), content, progress)
     for problem in result.problems:
         warn(problem)
+    begins = f"{logs[0]}: begins with a state of the estimator"
+    if result.state:
+        warn(f"{begins}, which is not used: {result.state}; the estimator begins anew")
     if as_json:
         print_json(result.as_json())
     else:
@@ -101,6 +104,8 @@ def replay(
         )
         for line in status_lines(result.status, result.status_time) if result.estimates else ():
             say(line)
+        if result.state == "":
+            say(f"{begins}, and goes on from it")
         if result.transmission is not None:
             say(transmission_line(result.transmission))
         for line in finding_lines(result.health["findings"]):

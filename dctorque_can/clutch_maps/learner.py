@@ -64,6 +64,7 @@ class Learner:
         refused: observations beyond the gate.
         taken: observations that taught.
         unrest: mean of what innovations squared are over what they should be, recently.
+        key: time of the last window that it took, µs; None before the first.
     """
 
     def __init__(self, actuation: Actuation, capacity_nm: float, settings: MapSettings) -> None:
@@ -94,7 +95,7 @@ class Learner:
         self.seen = (math.inf, -math.inf)
         self.refused = self.taken = 0
         self.unrest = 1.0
-        self._key: int | None = None
+        self.key: int | None = None
 
     @property
     def grid(self) -> Floats:
@@ -147,13 +148,13 @@ class Learner:
 
     def rest(self) -> None:
         """Let an unknown time pass, as it does between two drives."""
-        self._key, self.unrest = None, 1.0
+        self.key, self.unrest = None, 1.0
         self._walk(_LONGEST_S / 3600.0)
 
     def _drift(self, key: int) -> None:
         """Let time pass: friction and touch point walk, faster when they have surprised."""
-        seconds = 0.0 if self._key is None else min((key - self._key) * 1e-6, _LONGEST_S)
-        self._key = key
+        seconds = 0.0 if self.key is None else min((key - self.key) * 1e-6, _LONGEST_S)
+        self.key = key
         self._walk(seconds / 3600.0 * max(self.unrest, 1.0) ** 2)
 
     def _walk(self, hours: float) -> None:

@@ -129,20 +129,24 @@ class ClutchMaps:
     Attributes:
         clutches: the maps of the clutches that something tells the actuation of.
         distance_km: driven, since the maps were begun.
+        join: joins samples and rows.
+        due: key from which on rows of the maps are due; None before the first window.
+        last: key and time of the last window.
+        temperatures: of both clutches in it, °C.
     """
 
     def __init__(self, settings: MapSettings) -> None:
         self._settings = settings
-        self._join = Join(settings)
+        self.join = Join(settings)
         self.clutches = [
             ClutchMap(i + 1, actuation, settings)
             for i, actuation in enumerate(settings.clutches)
             if actuation is not None
         ]
         self.distance_km = 0.0
-        self._due: int | None = None
-        self._last: tuple[int, int] | None = None  # key and time of the last window
-        self._temperatures = [math.nan, math.nan]
+        self.due: int | None = None
+        self.last: tuple[int, int] | None = None
+        self.temperatures = [math.nan, math.nan]
 
     def take(self, samples: Samples, rows: NDArray[np.void]) -> NDArray[np.void]:
         """Learn from the samples of some frames and the estimates that they gave.
@@ -154,20 +158,20 @@ class ClutchMaps:
         Returns:
             `CLUTCH_MAP` ``[m]`` that became due.
         """
-        joined = self._join.take(samples, rows)
+        joined = self.join.take(samples, rows)
         if joined is None:
             return _NOTHING
         found: list[NDArray[np.void]] = []
         keys, begin = joined.keys, 0
-        if self._due is None and len(keys):
-            self._due = int(keys[0]) + self._settings.period_us
+        if self.due is None and len(keys):
+            self.due = int(keys[0]) + self._settings.period_us
         while begin < len(keys):
-            assert self._due is not None
-            due = int(np.searchsorted(keys, self._due))
+            assert self.due is not None
+            due = int(np.searchsorted(keys, self.due))
             end = min(due + 1, len(keys))
             self._go(joined, begin, end)
             if due < len(keys):
-                self._due = int(keys[due]) + self._settings.period_us
+                self.due = int(keys[due]) + self._settings.period_us
                 found.append(self.now())
             begin = end
         for seen in joined.observations[
@@ -188,15 +192,15 @@ class ClutchMaps:
             self._of(int(seen["clutch"])).learn(seen)
         ways = joined.speeds_m_s[begin:end] * (WINDOW_US * 1e-9)
         self.distance_km = float(np.cumsum(np.append(self.distance_km, ways))[-1])
-        self._last = int(joined.keys[end - 1]), int(joined.t_us[end - 1])
-        self._temperatures = joined.temperatures_c[end - 1].tolist()
+        self.last = int(joined.keys[end - 1]), int(joined.t_us[end - 1])
+        self.temperatures = joined.temperatures_c[end - 1].tolist()
 
     def now(self) -> NDArray[np.void]:
         """Return the `CLUTCH_MAP` rows of the last complete window; empty before the first one."""
-        if self._last is None or not self.clutches:
+        if self.last is None or not self.clutches:
             return _NOTHING
-        key, t_us = self._last
-        temperatures = self._temperatures
+        key, t_us = self.last
+        temperatures = self.temperatures
         rows = [
             clutch.row(key, t_us, self.distance_km, temperatures[clutch.number - 1]) for clutch in self.clutches
         ]

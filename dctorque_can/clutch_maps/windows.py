@@ -6,14 +6,15 @@ are cut into batches. An estimate is looked up at the instants of the samples, b
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.clutch_maps.settings import MapSettings
 from dctorque_can.driveline.phases import ClutchPhase
-from dctorque_can.pipeline.estimates import Status
+from dctorque_can.pipeline.estimates import ESTIMATE, Status
 from dctorque_can.pipeline.samples import Samples, SampleStatus
 
 Floats = NDArray[np.float64]
@@ -50,6 +51,19 @@ _SPOILED = int(
     | Status.ENGINE_TORQUE_FAULT
 )
 _NOTHING = np.zeros(0, OBSERVATION)
+_LATEST_KEY = 1 << 62
+
+LAYOUTS: dict[str, np.dtype[Any]] = {
+    "samples": np.dtype([("t_us", "i8"), ("value", "f8"), ("quantity", "u1"), ("status", "u1")], align=True),
+    "fresh": ESTIMATE,
+    "rows": ESTIMATE,
+    "row_keys": np.dtype("i8"),
+    "keys0": np.dtype("i8"),
+    "values0": np.dtype("f8"),
+    "keys1": np.dtype("i8"),
+    "values1": np.dtype("f8"),
+}
+"""Arrays that wait in a `Join`."""
 
 
 class _Clock:
@@ -82,6 +96,16 @@ class _Clock:
             last_us = t_us
         self._last_us = max(last_us, t_us)
         return self._last_us + self._epoch * _EPOCH
+
+    def kept(self) -> list[int | None]:
+        """Return its numbers."""
+        return [self._last_us, self._epoch]
+
+    def go_on_from(self, kept: list[int | None]) -> None:
+        """Take over what another `kept`."""
+        last_us, epoch = kept
+        self._last_us = None if last_us is None else min(max(key_of(last_us), -(_EPOCH >> 1)), _EPOCH >> 1)
+        self._epoch = min(max(key_of(epoch), 0), _MOST_EPOCHS)
 
 
 class Joined(NamedTuple):
@@ -156,6 +180,48 @@ class Join:
         until = last // WINDOW_US * WINDOW_US
         self._due_us = last_us + until + WINDOW_US - last
         return self._complete(until) if until > self._done else None
+
+    def kept(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return copies of all that waits, as arrays of `LAYOUTS` and as numbers."""
+        parts = self._samples
+        columns = ("t_us", "quantity", "value", "status")
+        whole = [np.concatenate([getattr(part, name) for part in parts]) if parts else () for name in columns]
+        samples = np.zeros(len(whole[0]), LAYOUTS["samples"])
+        for name, column in zip(columns, whole, strict=True):
+            samples[name] = column
+        arrays = {"samples": samples, "fresh": _joined(self._fresh), "rows": _joined(self._rows)}
+        arrays["row_keys"] = np.concatenate([np.zeros(0, np.int64), *self._row_keys])
+        for i in range(2):
+            arrays[f"keys{i}"] = np.concatenate([np.zeros(0, np.int64), *self._keys[i]])
+            arrays[f"values{i}"] = np.concatenate([np.zeros(0), *self._values[i]])
+        clocks = {"samples": self._sample_clock.kept(), "rows": self._row_clock.kept()}
+        return arrays, {"done": self._done, "last_us": self._last_us, "due_us": self._due_us, "clocks": clocks}
+
+    def go_on_from(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
+        """Go on from what another `kept`; ValueError, KeyError or TypeError: it is none."""
+        gears = np.concatenate([arrays[part][name] for part in ("fresh", "rows") for name in ("gear1", "gear2")])
+        if len(gears) and (gears.min() < -1 or gears.max() + 1 >= len(self._ratios)):
+            raise ValueError("a gear of its rows is none")
+        for keys, rows in (("row_keys", "rows"), ("keys0", "values0"), ("keys1", "values1")):
+            if len(arrays[keys]) != len(arrays[rows]):
+                raise ValueError("some of its rows have no time")
+            if len(arrays[keys]) and np.abs(arrays[keys]).max() > _LATEST_KEY:
+                raise ValueError("a time of it is none")
+        if (np.diff(arrays["row_keys"]) < 0).any():
+            raise ValueError("its rows are not in order of time")
+        samples = arrays["samples"]
+        t_us, quantity, value, status = (samples[name].copy() for name in ("t_us", "quantity", "value", "status"))
+        last = np.zeros(len(samples), np.bool_)  # nobody asks here
+        self._samples = [Samples(t_us, quantity, value, status, last)] if len(samples) else []
+        self._fresh = [arrays["fresh"]] if len(arrays["fresh"]) else []
+        self._rows = [arrays["rows"]] if len(arrays["rows"]) else []
+        self._row_keys = [arrays["row_keys"]] if len(arrays["rows"]) else []
+        for i in range(2):
+            self._keys[i][:] = [arrays[f"keys{i}"]] if len(arrays[f"keys{i}"]) else []
+            self._values[i][:] = [arrays[f"values{i}"]] if len(arrays[f"keys{i}"]) else []
+        self._done, self._last_us, self._due_us = (key_of(values[name]) for name in ("done", "last_us", "due_us"))
+        self._sample_clock.go_on_from(values["clocks"]["samples"])
+        self._row_clock.go_on_from(values["clocks"]["rows"])
 
     def _sort_samples(self) -> None:
         """Take out of the waiting samples what closes the clutches."""
@@ -276,6 +342,13 @@ class Join:
         return usable, np.sign(slip)
 
 
+def key_of(value: Any) -> int:
+    """Return a whole number that a time can be; ValueError: it is none."""
+    if not isinstance(value, int) or abs(value) > _LATEST_KEY:
+        raise ValueError(f"{value!r} is no time")
+    return value
+
+
 def _copied(samples: Samples) -> Samples:
     """Return samples that stay as they are."""
     return Samples(
@@ -289,6 +362,8 @@ def _copied(samples: Samples) -> Samples:
 
 def _joined(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
     """Return rows one behind the other, copied at once instead of field by field as numpy would."""
+    if not parts:
+        return np.zeros(0, ESTIMATE)
     whole = np.dtype((np.void, parts[0].dtype.itemsize))
     return np.concatenate([part.view(whole) for part in parts]).view(parts[0].dtype)
 

@@ -81,13 +81,17 @@ class LoggingSection(Section):
     directory: str = "logs"
     """Where logs are written, relative to the working directory."""
     flush_ms: Annotated[float, Field(ge=10, le=60_000)] = 200.0
-    """A killed process loses at most this much, ms."""
+    """After this time, ms, the operating system has what was received: no killed process loses more."""
+    fsync_s: Annotated[float, Field(ge=0.1, le=3600)] | None = None
+    """Have the disk itself take everything at this interval, s; null: when the operating system does so."""
     rotate_mb: Annotated[float, Field(gt=0)] | None = 1000.0
     """Begin a new file at this size, MB; null: never."""
     rotate_s: Annotated[float, Field(gt=0)] | None = 3600.0
     """Begin a new file after this time, s; null: never."""
     keep_mb: Annotated[float, Field(gt=0)] | None = None
     """Delete the oldest logs of this vehicle in the directory beyond this total, MB; null: keep all."""
+    least_free_mb: Annotated[float, Field(gt=0)] | None = None
+    """Leave at least this much of the disk free, MB: with keep_mb the oldest logs go, else no more is written."""
     frames: bool = True
     """Log every CAN frame."""
     signals: bool = False

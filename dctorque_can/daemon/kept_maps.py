@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -10,19 +9,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from dctorque_can import __version__
 from dctorque_can.clutch_maps import state
 from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.rows import CLUTCH_MAP
-from dctorque_can.config.load import OVERRIDES_SUFFIX, Config
+from dctorque_can.config.identity import vehicle_digest
+from dctorque_can.config.load import Config
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.table import Table
 
 STATE_SUFFIX = ".clutch_map.json"
-_EDGES = ("name", "can", "output", "logging", "state", "clutch_map")
-"""Sections whose overrides change nothing of what is learned."""
 _WORDS = {"format": "format", "version": "version of dctorque_can", "vehicle_file": "vehicle file"}
 _LARGEST_BYTES = 10_000_000
 
@@ -35,19 +31,8 @@ def state_name(config: Config) -> str:
 
 
 def identity(config: Config) -> dict[str, Any]:
-    """Return what a kept state must agree with: format, version, and all that the vehicle is.
-
-    That is the vehicle file with what its class of cars gave it, and the overrides that matter.
-    """
-    digest = hashlib.sha256(config.documents[config.path.name])
-    laid_over = config.documents.get(config.path.stem + OVERRIDES_SUFFIX)
-    values = yaml.safe_load(laid_over) if laid_over else {}
-    for key in sorted(values):
-        if str(key).split(".")[0] not in _EDGES:
-            digest.update(f"\0{key}\0{values[key]}".encode())
-    for key in sorted(config.of_class):
-        digest.update(f"\0{key}\0{config.of_class[key]!r}".encode())
-    return {"format": state.FORMAT, "version": __version__, "vehicle_file": digest.hexdigest()}
+    """Return what a kept state must agree with: format, version, and all that the vehicle is."""
+    return {"format": state.FORMAT, "version": __version__, "vehicle_file": vehicle_digest(config)}
 
 
 def packed(maps: ClutchMaps, config: Config) -> bytes:

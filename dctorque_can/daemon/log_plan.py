@@ -9,10 +9,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dctorque_can.daemon.log_quota import OwnLog, own_logs
+from dctorque_can.daemon.log_quota import MARK, OwnLog, own_logs
 
 if TYPE_CHECKING:
     from dctorque_can.config.load import Config
+
+OWN_MARK = MARK
+"""Name of the metadata by which a log of the service is known."""
+STATE_NAME = "estimator.state"
+"""Name of the document that holds the state with which a log begins."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +67,13 @@ class LogPlan:
 
     Attributes:
         folder: names and quota.
-        flush_s: what a killed computer may lose.
+        flush_s: time from receiving to the hands of the operating system, at most.
         rotate_mb: size after which a new log begins; 0 for never.
         rotate_s: age after which a new log begins; 0 for never.
         signals: also write the decoded signals of every known message.
         metadata: named sets of words for every log.
+        fsync_s: interval at which the disk must have everything; 0 for never.
+        least_free_mb: of the disk, that stay free; 0 for none.
     """
 
     folder: LogFolder
@@ -75,6 +82,8 @@ class LogPlan:
     rotate_s: float
     signals: bool
     metadata: Mapping[str, Mapping[str, str]]
+    fsync_s: float = 0.0
+    least_free_mb: float = 0.0
 
     def as_json(self) -> dict[str, Any]:
         """Return the plan for `Kind.SETUP`."""
@@ -90,6 +99,8 @@ class LogPlan:
             "rotate_s": self.rotate_s,
             "signals": self.signals,
             "metadata": {name: dict(values) for name, values in self.metadata.items()},
+            "fsync_s": self.fsync_s,
+            "least_free_mb": self.least_free_mb,
         }
 
     @classmethod
@@ -103,7 +114,8 @@ class LogPlan:
             plan["quota_mb"],
             plan["vehicle"],
         )
-        return cls(folder, plan["flush_s"], plan["rotate_mb"], plan["rotate_s"], plan["signals"], plan["metadata"])
+        given = ("flush_s", "rotate_mb", "rotate_s", "signals", "metadata", "fsync_s", "least_free_mb")
+        return cls(folder, *(plan[name] for name in given))
 
 
 def bus_metadata(config: Config) -> dict[str, dict[str, str]]:
@@ -135,4 +147,6 @@ def plan_for(config: Config, first: Path | None = None) -> LogPlan:
         rotate_s=settings.rotate_s or 0.0,
         signals=settings.signals,
         metadata=bus_metadata(config),
+        fsync_s=settings.fsync_s or 0.0,
+        least_free_mb=settings.least_free_mb or 0.0,
     )

@@ -1,4 +1,10 @@
-"""The service's side of the log-writer process: hands over columns and never waits."""
+"""The service's side of the log-writer process: hands over columns and never waits.
+
+What was handed over is kept until the process has confirmed that the operating system has it. Each flush and each
+rotation is such a point, with the state of the estimator as it was there. If the process dies, the next one begins
+a log with the last confirmed state and gets everything after it once more: nothing is missing, and each log alone
+replays to the same bits. Where something had to be dropped, a new log begins too.
+"""
 
 from __future__ import annotations
 
@@ -12,39 +18,33 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from dctorque_can.daemon.log_counts import LogCounts, Message, State, no_state
 from dctorque_can.daemon.log_plan import LogPlan
-from dctorque_can.daemon.log_protocol import Kind, document_message, json_message, message
+from dctorque_can.daemon.log_protocol import (
+    Kind,
+    document_message,
+    end_message,
+    flush_message,
+    json_message,
+    rotate_message,
+)
+from dctorque_can.daemon.log_recovery import LogRecovery
 from dctorque_can.errors import DctorqueError
 
 PIPE_BYTES = 1 << 20
 MAX_WAITING_BYTES = 32 << 20  # about five minutes of a full bus
 RESTART_S = 1.0
 LONGEST_RESTART_S = 60.0
+RETRY_S = 10.0  # after a log that could not be written; each time twice as long
+LONGEST_RETRY_S = 300.0
 OPEN_TIMEOUT_S = 30.0
 SLOW_S = 5.0  # that long a log is waited for that is not needed
 CLOSE_TIMEOUT_S = 30.0
-
-
-@dataclass
-class LogCounts:
-    """What became of the frames that were handed over.
-
-    Attributes:
-        written: frames that are in a log and handed to the operating system.
-        dropped: frames that are (or may be) in no log.
-        restarts: times the process had to be started anew.
-        paths: logs that were opened, in order.
-        failures: why a log could not be written, in order.
-    """
-
-    written: int = 0
-    dropped: int = 0
-    restarts: int = 0
-    paths: list[Path] = field(default_factory=list)
-    failures: list[str] = field(default_factory=list)
+_MOST_DEATHS = 5  # of a log that was begun, without a confirmation: it may be what it is handed that kills it
+_MOST_POINTS = 20  # that are not confirmed: each has a copy of the state
 
 
 class LogProcess:
@@ -60,13 +60,27 @@ class LogProcess:
         self.news: deque[tuple[bool, str]] = deque(maxlen=100)
         self._plan = plan
         self._documents = dict(documents)
-        self._waiting: deque[tuple[memoryview, int]] = deque()
+        self._waiting: deque[Message] = deque()
         self._waiting_bytes = 0
-        self._handed = 0  # frames written to the pipe and not yet confirmed
+        self._begun = 0  # bytes of the front that the pipe has taken
+        self._unconfirmed: deque[Message] = deque()  # that the pipe has taken
+        self._base: State = no_state  # at the last point that was confirmed
+        self._last_number = 0
+        self._points: set[int] = set()  # that are not confirmed
+        self._rotation = 0  # number of the one that is under way
+        self._opening = 0  # … of the one with which the process began
+        self._gap = False  # what comes is dropped until the next rotation
+        self._retry_s = 0.0
+        self._pause_s = RETRY_S
+        self._failing = ""  # why there is no log
+        self._size = 0  # of the log, at the last point that was confirmed
+        self._opened_s: float | None = None  # None: there is no log
         self._reports = b""
         self._restart_at_s = 0.0
         self._restart_s = RESTART_S
+        self._deaths = 0
         self._process: subprocess.Popen[bytes] | None = None
+        self._recovery = LogRecovery(plan.folder)
 
     @property
     def has_a_given_path(self) -> bool:
@@ -74,10 +88,10 @@ class LogProcess:
         return self._plan.folder.first is not None
 
     def open(self, needed: bool = True, given_up: Callable[[], bool] = lambda: False) -> None:
-        """Start the process and wait until the first log is open.
+        """Start the process, wait until the first log is open, and begin to close those that are torn.
 
         Args:
-            needed: a log that cannot be created, or not soon, is an error. Else it is told; `pump` goes on trying.
+            needed: a log that cannot be created, or not soon, is an error. Else it is told, and `wants_new`.
             given_up: says meanwhile that nobody waits any more.
 
         Raises:
@@ -95,28 +109,67 @@ class LogProcess:
                 self.close()
                 raise DctorqueError(f"no log: {reason}")
             if self.counts.failures or self._process is None or late:
-                return
+                break
             time.sleep(0.01)
+        self._recovery.begin(self.counts.paths)
 
     def hand_over(self, content: bytes, frames: int = 0) -> None:
         """Queue one message that holds ``frames`` frames; it is dropped, and counted, when too much waits."""
-        if self._waiting_bytes + len(content) > MAX_WAITING_BYTES:
+        if self._waiting_bytes + len(content) > MAX_WAITING_BYTES and not self._gap:
+            self._gap = True
+            self.news.append((True, "log: the disk is too slow; frames are missing until the next log begins"))
+        if self._gap:
             self.counts.dropped += frames
         else:
-            self._waiting.append((memoryview(content), frames))
-            self._waiting_bytes += len(content)
+            self._queue(Message(content, frames))
 
     @property
     def waiting_bytes(self) -> int:
         """Bytes that the pipe has not taken yet."""
         return self._waiting_bytes
 
-    def rotate(self) -> None:
-        """Close the log and begin the next one."""
-        self.hand_over(message(Kind.ROTATE))
+    def wants_new(self, now_s: float) -> bool:
+        """Return whether the log is as long or as old as it may be, or one is missing: then `rotate`."""
+        if self._rotation:
+            return False
+        if self._gap:
+            return now_s >= self._retry_s and self._waiting_bytes < MAX_WAITING_BYTES / 2
+        if self._opened_s is None:
+            return False
+        plan = self._plan
+        return 0 < plan.rotate_mb * 1e6 <= self._size or 0 < plan.rotate_s <= now_s - self._opened_s
+
+    def rotate(self, state: State = no_state) -> None:
+        """Close the log and begin the next one, with the state after all that was handed over until now."""
+        self._gap = False
+        self._rotation = self._point(lambda number: rotate_message(number, state()), state)
+
+    def flush(self, state: State = no_state, received_s: float | None = None) -> bool:
+        """Have all that was handed over written; return whether that was asked for: not while too much waits.
+
+        Args:
+            state: after that.
+            received_s: monotonic time at which the oldest of it was received; None: now.
+        """
+        if self._gap or len(self._points) >= _MOST_POINTS:
+            return False
+        since_s = time.monotonic() if received_s is None else received_s
+        self._point(lambda number: flush_message(number, since_s), state)
+        return True
+
+    def _point(self, content: Callable[[int], bytes], state: State) -> int:
+        self._last_number += 1
+        self._points.add(self._last_number)
+        self._queue(Message(content(self._last_number), 0, self._last_number, state))
+        return self._last_number
+
+    def _queue(self, message: Message) -> None:
+        self._waiting.append(message)
+        self._waiting_bytes += len(message.content)
 
     def pump(self) -> None:
         """Move as much as the pipe takes, read reports, restart a dead process. Never waits."""
+        self._look_at_recovery()
         if self._process is None:
             if time.monotonic() < self._restart_at_s:
                 return
@@ -135,29 +188,33 @@ class LogProcess:
 
     def close(self) -> None:
         """Hand over what waits and wait until the log is closed."""
-        process = self._process
-        if process is None:
-            self._drop_waiting()
-            return
         limit = time.monotonic() + CLOSE_TIMEOUT_S
-        while self._waiting and self._process is process and time.monotonic() < limit:
+        self._point(end_message, no_state)
+        if self._process is None and (self._unconfirmed or len(self._waiting) > 1):
+            self.counts.restarts += 1  # it has died: there is time for another one
+            self._start()
+        process = self._process
+        while self._waiting and process is not None and self._process is process and time.monotonic() < limit:
             assert process.stdin is not None
             select.select([], [process.stdin], [], 0.1)
             self.pump()
-        if self._process is not process:
-            self._drop_waiting()
-            return
-        assert process.stdin is not None
-        with suppress(BrokenPipeError):  # a writer that is dead already has its frames counted below
-            process.stdin.close()
-        try:
-            process.wait(max(limit - time.monotonic(), 0.1))
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        self._read_reports(to_the_end=True)
-        self._forget()
-        self._drop_waiting()
+        if process is not None and self._process is process:
+            assert process.stdin is not None
+            with suppress(BrokenPipeError):  # a writer that is dead already has its frames counted below
+                process.stdin.close()
+            try:
+                process.wait(max(limit - time.monotonic(), 0.1))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+            self._read_reports(to_the_end=True)
+            self._forget()
+        self._drop_everything()
+        while self._recovery.cuts and time.monotonic() < limit:
+            self._look_at_recovery()
+            time.sleep(0.01)
+        self._look_at_recovery()
+        self._recovery.end()
 
     def _start(self) -> None:
         try:
@@ -178,29 +235,36 @@ class LogProcess:
             fcntl.fcntl(process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.set_blocking(process.stdin.fileno(), False)
         os.set_blocking(process.stdout.fileno(), False)
-        head = [json_message(Kind.SETUP, self._plan.as_json())]
+        head = [json_message(Kind.SETUP, self._plan.as_json() | {"opened": len(self.counts.paths)})]
         head += [document_message(name, content) for name, content in self._documents.items()]
-        head.append(message(Kind.ROTATE))  # opens the first log
-        for content in reversed(head):
-            self._waiting.appendleft((memoryview(content), 0))
-            self._waiting_bytes += len(content)
+        messages = [Message(content, again=False) for content in head]
+        if not self._gap:  # else the next log begins with a state of its own
+            self._last_number += 1
+            self._rotation = self._opening = self._last_number
+            opening = rotate_message(self._last_number, self._base())
+            messages.append(Message(opening, 0, self._last_number, self._base, again=False))
+        messages += [message for message in (*self._unconfirmed, *self._waiting) if message.again]
+        self._waiting = deque(messages)
+        self._waiting_bytes = sum(len(message.content) for message in self._waiting)
+        self._unconfirmed.clear()
+        self._begun = 0
 
     def _write(self) -> None:
         assert self._process is not None
         assert self._process.stdin is not None
         pipe = self._process.stdin.fileno()
         while self._waiting:
-            content, frames = self._waiting[0]
+            message = self._waiting[0]
             try:
-                taken = os.write(pipe, content)
+                taken = os.write(pipe, memoryview(message.content)[self._begun :])
             except BlockingIOError:
                 return
             self._waiting_bytes -= taken
-            if taken < len(content):
-                self._waiting[0] = (content[taken:], frames)
+            self._begun += taken
+            if self._begun < len(message.content):
                 return
-            self._waiting.popleft()
-            self._handed += frames
+            self._begun = 0
+            self._unconfirmed.append(self._waiting.popleft())
 
     def _read_reports(self, to_the_end: bool = False) -> None:
         assert self._process is not None
@@ -216,37 +280,73 @@ class LogProcess:
             if not chunk or not to_the_end:
                 return
 
-    def _note(self, report: dict[str, str | int]) -> None:
-        for what, value in report.items():
-            if what == "written":
-                self.counts.written += int(value)
-                self._handed -= int(value)
-            elif what == "lost":
-                self.counts.dropped += int(value)
-                self._handed -= int(value)
-            elif what == "opened":
-                self._restart_s = RESTART_S
-                self.counts.paths.append(Path(str(value)))
-                self.news.append((False, f"logging to {value}"))
-            elif what == "failed":
-                self.counts.failures.append(str(value))
-                self.news.append((True, f"log: {value}"))
-            elif what == "kept":
-                self.news.append((True, f"log: {value}"))
-            elif what == "deleted":
-                self.news.append((False, f"deleted {value} to keep the quota"))
+    def _note(self, report: dict[str, Any]) -> None:
+        if "opened" in report:
+            self.counts.paths.append(Path(report["opened"]))
+            self._opened_s, self._size, self._failing = time.monotonic(), 0, ""
+            self._restart_s = RESTART_S
+            self.news.append((False, f"logging to {report['opened']}"))
+        if "failed" in report:
+            self._failed(report["failed"])
+        if "warning" in report:
+            self.news.append((True, f"log: {report['warning']}"))
+        if "deleted" in report:
+            self.counts.deleted += 1
+            self.news.append((False, f"deleted {report['deleted']} to keep {report['to_keep']}"))
+        if "point" in report:
+            self._confirmed(report)
+
+    def _confirmed(self, report: Mapping[str, Any]) -> None:
+        """Let go what was handed over up to a point."""
+        number, lost = int(report["point"]), int(report["lost"])
+        while self._unconfirmed:
+            message = self._unconfirmed.popleft()
+            self.counts.written += message.frames
+            self._points.discard(message.number)
+            if message.number == number:
+                self._base = message.state
+                break
+        self.counts.written -= lost
+        self.counts.dropped += lost
+        self._size = int(report["size"])
+        if number != self._opening:  # more than a log that can be begun
+            self._deaths, self._pause_s = 0, RETRY_S
+        if number == self._rotation:
+            self._rotation = 0
+        age_s = report.get("age_s")
+        if age_s is not None:
+            self.counts.slowest_flush_ms = max(self.counts.slowest_flush_ms, round(1000 * age_s, 1))
+            self.counts.late_flushes += age_s > self._plan.flush_s
+
+    def _failed(self, reason: str) -> None:
+        self._opened_s = None
+        self._gap = True
+        self._retry_s = time.monotonic() + self._pause_s
+        if self._failing != reason:
+            self._failing = reason
+            self.counts.failures.append(reason)
+            self.news.append((True, f"log: {reason}; trying a new log in {self._pause_s:g} s, then less often"))
+        self._pause_s = min(2 * self._pause_s, LONGEST_RETRY_S)
 
     def _died(self) -> None:
         assert self._process is not None
         self._process.wait()
         self._read_reports(to_the_end=True)
         code = self._process.returncode
-        self.news.append((True, f"the log writer ended with code {code} and is started anew"))
         self._forget()
-        if self._waiting:  # the front may have been cut in the middle
-            content, frames = self._waiting.popleft()
-            self._waiting_bytes -= len(content)
-            self.counts.dropped += frames
+        if self._opened_s is not None:
+            self._deaths += 1
+        frames = sum(message.frames for message in (*self._unconfirmed, *self._waiting))
+        if self._deaths >= _MOST_DEATHS:
+            self._drop_everything()
+            self._base, self._gap = no_state, True
+            left = f"{frames} frames are missing in the log"
+        else:
+            left = f"the {frames} frames that it had not confirmed go to the next one"
+        self.news.append((True, f"the log writer ended with code {code} and is started anew; {left}"))
+        if self._opened_s is not None and self._size:
+            self._recovery.cut(self.counts.paths[-1], self._size)
+        self._opened_s = None
         self._restart_later()
 
     def _restart_later(self) -> None:
@@ -259,12 +359,19 @@ class LogProcess:
             if pipe is not None and not pipe.closed:
                 with suppress(BrokenPipeError):
                     pipe.close()
-        self.counts.dropped += self._handed
-        self._handed = 0
         self._reports = b""
+        self._rotation = 0
         self._process = None
 
-    def _drop_waiting(self) -> None:
-        self.counts.dropped += sum(frames for _, frames in self._waiting)
+    def _drop_everything(self) -> None:
+        self.counts.dropped += sum(message.frames for message in (*self._unconfirmed, *self._waiting))
+        self._unconfirmed.clear()
         self._waiting.clear()
-        self._waiting_bytes = 0
+        self._points.clear()
+        self._waiting_bytes = self._begun = 0
+
+    def _look_at_recovery(self) -> None:
+        for path, is_error, text in self._recovery.news():
+            if path is not None:
+                self.counts.finalised.append(path)
+            self.news.append((is_error, text))

@@ -21,6 +21,8 @@ from dctorque_can.pipeline.frames import Frames
 
 HEADER = struct.Struct("<BI")
 _SHAPE = struct.Struct("<II")
+_NUMBER = struct.Struct("<Q")
+_FLUSH = struct.Struct("<Qd")
 
 
 class Kind(IntEnum):
@@ -32,8 +34,10 @@ class Kind(IntEnum):
     ESTIMATES = 3
     HEALTH = 4
     EVENT = 5  # JSON
-    ROTATE = 6
+    ROTATE = 6  # number; the state that the next log begins with
     TABLE = 7  # topic, type, schema text as JSON, NUL, rows
+    FLUSH = 8  # number; when the oldest of what was handed over since the last one was received
+    END = 9  # number
 
 
 def message(kind: Kind, body: bytes = b"") -> bytes:
@@ -72,6 +76,38 @@ def read_frames(body: bytes) -> Frames:
     t_us, can_id = column("i8"), column("u4")
     length, flags, channel = column("u1"), column("u1"), column("u1")
     return Frames(t_us, can_id, length, flags, channel, column("u1", width).reshape(n, width))
+
+
+def rotate_message(number: int, state: bytes) -> bytes:
+    """Return the wish for a new log that begins with a state; empty: with that before the first frame."""
+    return message(Kind.ROTATE, _NUMBER.pack(number) + state)
+
+
+def read_rotate(body: bytes) -> tuple[int, bytes]:
+    """Return what `rotate_message` packed."""
+    return _NUMBER.unpack_from(body)[0], body[_NUMBER.size :]
+
+
+def flush_message(number: int, received_s: float) -> bytes:
+    """Return the wish that all before it is handed to the operating system, and ``received_s``, monotonic."""
+    return message(Kind.FLUSH, _FLUSH.pack(number, received_s))
+
+
+def read_flush(body: bytes) -> tuple[int, float]:
+    """Return what `flush_message` packed."""
+    number, received_s = _FLUSH.unpack(body)
+    return number, received_s
+
+
+def end_message(number: int) -> bytes:
+    """Return the word that nothing else comes."""
+    return message(Kind.END, _NUMBER.pack(number))
+
+
+def read_end(body: bytes) -> int:
+    """Return what `end_message` packed."""
+    number: int = _NUMBER.unpack(body)[0]
+    return number
 
 
 def estimates_message(parts: Iterable[NDArray[np.void]]) -> bytes:

@@ -2,7 +2,7 @@
 
 It is a process of its own because writing in the service, or in a thread beside it, holds up its receive loop
 for tens of milliseconds. It ends, with a closed log, when the pipe ends: after a stop of the service and
-after its death alike.
+after its death alike. When a log begins, and when it is written, decides the service.
 """
 
 from __future__ import annotations
@@ -16,13 +16,22 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dctorque_can.daemon.log_plan import LogPlan
-from dctorque_can.daemon.log_protocol import Kind, MessageSplitter, read_frames, read_table_rows
-from dctorque_can.daemon.log_quota import make_room, mark
+from dctorque_can.daemon.log_disk import Disk, report
+from dctorque_can.daemon.log_plan import STATE_NAME, LogPlan
+from dctorque_can.daemon.log_protocol import (
+    Kind,
+    MessageSplitter,
+    read_end,
+    read_flush,
+    read_frames,
+    read_rotate,
+    read_table_rows,
+)
+from dctorque_can.daemon.log_quota import mark
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
@@ -33,16 +42,24 @@ from dctorque_can.pipeline.estimates import HEALTH as HEALTH_ROW
 if TYPE_CHECKING:
     from dctorque_can.bus.columns import MessageColumns
 
-RETRY_S = 10.0
-LONGEST_RETRY_S = 300.0
 CHUNK = 1 << 16
 READ = 1 << 20
 
 
 class LogWorker:
-    """Writes what it is handed; a log that cannot be written is given up and a new one tried after a while."""
+    """Writes what it is handed; a log that cannot be written is given up, and the service asks for a new one.
 
-    def __init__(self, plan: LogPlan, documents: Mapping[str, bytes]) -> None:
+    Args:
+        plan: how to write.
+        documents: for every log.
+        opened: logs that were opened before.
+
+    Attributes:
+        ended: whether nothing else comes.
+    """
+
+    def __init__(self, plan: LogPlan, documents: Mapping[str, bytes], opened: int = 0) -> None:
+        self.ended = False
         self._plan = plan
         self._documents = documents
         self._signals: MessageColumns | None = None
@@ -53,29 +70,53 @@ class LogWorker:
             config = load_documents(documents)
             self._signals = MessageColumns(config.database, config.addresses)
         self._log: McapLog | None = None
-        self._opened = 0
-        self._began_s = 0.0
-        self._retry_s = 0.0
-        self._pause_s = RETRY_S
-        self._flush_s = 0.0
-        self._unconfirmed = 0
+        self._disk = Disk(plan)
+        self._opened = opened
+        self._unflushed_s: float | None = None  # since when something is in memory alone
+        self._frames = 0  # taken since the last point
+        self._lost = 0  # … of these
 
     def take(self, kind: Kind, body: bytes, now_s: float) -> None:
         """Write one message."""
         if kind == Kind.ROTATE:
+            number, state = read_rotate(body)
             self._close()
-            self._open(now_s)
-            return
-        if self._log is None and now_s >= self._retry_s:
-            self._open(now_s)
+            self._open(state)
+            self._reach(number)
+        elif kind == Kind.FLUSH:
+            number, received_s = read_flush(body)
+            self._flush()
+            self._disk.look(now_s, self._log, self._give_up)
+            self._reach(number, age_s=time.monotonic() - received_s)
+        elif kind == Kind.END:
+            self.ended = True
+            self._close()
+            self._reach(read_end(body))
+        else:
+            self._write(kind, body)
+            if self._unflushed_s is None:
+                self._unflushed_s = now_s
+
+    def keep_time(self, now_s: float) -> None:
+        """Flush if the service has not asked for it in time; to be called often."""
+        if self._unflushed_s is not None and now_s >= self._unflushed_s + self._plan.flush_s / 2:
+            self._flush()
+
+    def finish(self) -> Path | None:
+        """Close the log, and return its path."""
+        path = None if self._log is None else self._log.path
+        self._close()
+        return path
+
+    def _write(self, kind: Kind, body: bytes) -> None:
         frames = read_frames(body) if kind == Kind.FRAMES else None
-        if self._log is None:
-            self._lost(0 if frames is None else len(frames))
-            return
+        self._frames += 0 if frames is None else len(frames)
         log = self._log
+        if log is None:
+            self._lost = self._frames
+            return
         try:
             if frames is not None:
-                self._unconfirmed += len(frames)
                 log.write_frames(frames)
                 if self._signals is not None:
                     for name, rows in self._signals.decode(frames).items():
@@ -90,69 +131,50 @@ class LogWorker:
                 event = json.loads(body)
                 log.write_event(event["t_us"], EventLevel(event["level"]), event["name"], event["text"])
         except DctorqueError as error:
-            self._give_up(error, now_s)
+            self._give_up(str(error))
 
-    def keep_time(self, now_s: float) -> None:
-        """Flush and rotate when it is time; to be called often."""
-        if self._log is None or now_s < self._flush_s:
-            return
-        self._flush_s = now_s + self._plan.flush_s
-        self._flush(now_s)
-        if self._log is None:
-            return
-        size_mb, age_s = self._log.size / 1e6, now_s - self._began_s
-        if 0 < self._plan.rotate_mb <= size_mb or 0 < self._plan.rotate_s <= age_s:
-            self._close()
-            self._open(now_s)
+    def _reach(self, number: int, **more: float) -> None:
+        """Tell that all up to a point is handed to the operating system, but for what is lost."""
+        size = 0 if self._log is None else self._log.written
+        report(point=number, lost=self._lost, size=size, **more)
+        self._frames = self._lost = 0
 
-    def finish(self) -> None:
-        """Close the log."""
-        self._close()
-
-    def _open(self, now_s: float) -> None:
+    def _open(self, state: bytes) -> None:
         folder = self._plan.folder
         path = folder.next_path(self._opened)
+        documents = {**self._documents, STATE_NAME: state} if state else self._documents
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             logs = folder.own_logs()
+            self._disk.check(path.parent, logs)
             number = logs[-1].number + 1 if logs else 1
             metadata = {**mark(folder.vehicle, folder.stem, number), **self._plan.metadata}
-            self._log = McapLog(path, documents=self._documents, metadata=metadata, chunk_size=CHUNK)
-            self._log.sync()  # the mark is what a log is known by after a power cut
+            self._log = McapLog(path, documents=documents, metadata=metadata, chunk_size=CHUNK, held=True)
+            self._disk.begin_sync(self._log)  # the mark is what a log is known by after a power cut
         except OSError as error:
-            self._give_up(DctorqueError(f"{error.filename or path}: {error.strerror}"), now_s)
+            self._give_up(f"{error.filename or path}: {error.strerror}")
             _remove_empty(path)
             return
         except DctorqueError as error:
-            self._give_up(error, now_s)
+            self._give_up(str(error))
             _remove_empty(path)
             return
         self._opened += 1
-        self._began_s = now_s
-        self._flush_s = now_s + self._plan.flush_s
         report(opened=str(path))
-        if folder.quota_mb > 0:
-            gone, failures = make_room(logs, folder.quota_mb * 1e6)
-            for old in gone:
-                report(deleted=str(old))
-            for failure in failures:
-                report(kept=failure)
+        self._disk.keep_quota(logs)
 
-    def _flush(self, now_s: float) -> None:
+    def _flush(self) -> None:
+        self._unflushed_s = None
         if self._log is None:
             return
         try:
             self._log.flush()
         except DctorqueError as error:
-            self._give_up(error, now_s)
-            return
-        if self._unconfirmed:
-            self._pause_s = RETRY_S
-            report(written=self._unconfirmed)
-            self._unconfirmed = 0
+            self._give_up(str(error))
 
     def _close(self) -> None:
-        self._flush(time.monotonic())
+        self._flush()
+        self._disk.settle()
         if self._log is None:
             return
         try:
@@ -162,12 +184,10 @@ class LogWorker:
             report(failed=str(error))
         self._log = None
 
-    def _give_up(self, error: DctorqueError, now_s: float) -> None:
-        report(failed=f"{error}; trying a new log in {self._pause_s:g} s")
-        self._retry_s = now_s + self._pause_s
-        self._pause_s = min(2 * self._pause_s, LONGEST_RETRY_S)
-        self._lost(self._unconfirmed)
-        self._unconfirmed = 0
+    def _give_up(self, reason: str) -> None:
+        report(failed=reason)
+        self._lost = self._frames
+        self._disk.settle()
         if self._log is None:
             return
         try:
@@ -177,22 +197,12 @@ class LogWorker:
         _remove_empty(self._log.path)
         self._log = None
 
-    def _lost(self, frames: int) -> None:
-        if frames:
-            report(lost=frames)
-
 
 def _remove_empty(path: Path) -> None:
     """Remove a log that got nothing, or a full disk would leave one at every try."""
     with suppress(OSError):
         if path.is_file() and path.stat().st_size == 0:
             path.unlink()
-
-
-def report(**content: str | int) -> None:
-    """Tell the service, one JSON object a line; one that is dead needs no telling, and its log is closed."""
-    with suppress(BrokenPipeError):
-        os.write(sys.stdout.fileno(), json.dumps(content).encode() + b"\n")
 
 
 def main() -> None:
@@ -202,7 +212,7 @@ def main() -> None:
     splitter = MessageSplitter()
     documents: dict[str, bytes] = {}
     worker: LogWorker | None = None
-    plan: LogPlan | None = None
+    plan: dict[str, Any] | None = None
     pipe = sys.stdin.fileno()
     while True:
         ready = select.select([pipe], [], [], 0.02 if worker else None)[0]
@@ -210,21 +220,26 @@ def main() -> None:
         now_s = time.monotonic()
         for kind, body in splitter.feed(chunk or b""):
             if kind == Kind.SETUP:
-                plan = LogPlan.from_json(json.loads(body))
+                plan = json.loads(body)
             elif kind == Kind.DOCUMENT:
                 name, _, content = body.partition(b"\0")
                 documents[name.decode()] = content
-            elif worker is not None:
-                worker.take(kind, body, now_s)
             elif plan is not None:
-                worker = LogWorker(plan, documents)
+                worker = worker or LogWorker(LogPlan.from_json(plan), documents, plan["opened"])
                 worker.take(kind, body, now_s)
         if worker is not None:
             worker.keep_time(now_s)
         if chunk == b"":
             break
-    if worker is not None:
-        worker.finish()
+    if worker is not None and not worker.ended:
+        path = worker.finish()
+        _say(f"dctorque: the service is gone; all that it handed over is in {path}, which is closed")
+
+
+def _say(line: str) -> None:
+    """Tell those who look at what is left of the service's own output."""
+    with suppress(OSError):
+        os.write(sys.stderr.fileno(), line.encode() + b"\n")
 
 
 if __name__ == "__main__":

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.daemon.log_counts import State, no_state
 from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.log_protocol import (
     Kind,
@@ -72,10 +75,19 @@ class Recorder:
         log: the log writer.
         frames: whether frames (and with them decoded signals) go there.
         estimates: whether estimates and health go there.
+        flush_s: time from receiving to the hands of the operating system, at most.
+        state: copies the state of the estimator, after the last frame that was given.
     """
 
-    def __init__(self, log: LogProcess, frames: bool, estimates: bool) -> None:
+    def __init__(
+        self, log: LogProcess, frames: bool, estimates: bool, flush_s: float, state: Callable[[], State]
+    ) -> None:
         self._log = log
+        self._state = state if frames else lambda: no_state  # without frames there is nothing to replay
+        self._flush_every_s = flush_s / 2  # the other half is for what lies between
+        self._batch_s = min(BATCH_S, flush_s / 4)
+        self._flush_s = 0.0
+        self._received_s: float | None = None  # the oldest that has not been flushed
         self._frames = FrameBuffer(BATCH_FRAMES) if frames else None
         self._with_estimates = estimates
         self._rows: list[NDArray[np.void]] = []
@@ -86,6 +98,8 @@ class Recorder:
         """Add frames, received or sent."""
         if self._frames is None:
             return
+        if self._received_s is None:
+            self._received_s = time.monotonic()
         while len(frames):
             frames = self._frames.add(frames)
             if self._frames.full:
@@ -110,17 +124,29 @@ class Recorder:
         for start in range(0, len(rows), step):
             self._log.hand_over(table_message(table, rows[start : start + step]))
 
+    def pause_s(self, now_s: float) -> float:
+        """Return after which time `keep_time` must be called again, though nothing comes."""
+        return math.inf if self._received_s is None else max(min(self._due_s, self._flush_s) - now_s, 0.0)
+
     def keep_time(self, now_s: float) -> None:
-        """Hand the batch over when it is time; to be called after every receive."""
-        if now_s >= self._due_s:
-            self._due_s = now_s + BATCH_S
-            self._hand_over()
-            self._log.pump()
+        """Hand the batch over when it is time; to be called after every receive, and after `pause_s`."""
+        if now_s < min(self._due_s, self._flush_s):
+            return
+        self._due_s = now_s + self._batch_s
+        self._hand_over()
+        if self._log.wants_new(now_s):
+            self.rotate()
+        elif now_s >= self._flush_s:
+            self._flush_s = now_s + self._flush_every_s
+            if self._received_s is not None and self._log.flush(self._state(), self._received_s):
+                self._received_s = None
+        self._log.pump()
 
     def rotate(self) -> None:
-        """Finish the log and begin the next one."""
+        """Finish the log and begin the next one, with the state of now."""
         self._hand_over()
-        self._log.rotate()
+        self._received_s = None
+        self._log.rotate(self._state())
 
     def close(self) -> None:
         """Hand over the rest and close the log."""

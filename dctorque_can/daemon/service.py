@@ -6,6 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 
 import can
 import numpy as np
@@ -27,6 +28,7 @@ from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
 from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.listening import remark
+from dctorque_can.daemon.log_counts import State, no_state
 from dctorque_can.daemon.log_plan import LogPlan
 from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.map_keeper import MapKeeper
@@ -160,7 +162,8 @@ class Service:
             if not self._log.counts.paths and not self._stop:
                 self._tell(True, "estimating without a log until one can be written; it is tried again and again")
             settings = self._config.logging
-            self._recorder = Recorder(self._log, settings.frames, settings.estimates)
+            flush_s = settings.flush_ms / 1000
+            self._recorder = Recorder(self._log, settings.frames, settings.estimates, flush_s, self._state)
         self._catch_up()
 
     def _catch_up(self) -> None:
@@ -185,7 +188,8 @@ class Service:
         try:
             now_s = began_s
             while not self._stop and now_s < until_s:
-                frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s))
+                pause_s = RECEIVE_TIMEOUT_S if self._recorder is None else self._recorder.pause_s(now_s)
+                frames = self._links.receive(min(RECEIVE_TIMEOUT_S, until_s - now_s, pause_s))
                 late = self._stalls.look(time.monotonic(), len(frames)) and not self._patient
                 if len(frames):
                     self._take(frames, late)
@@ -237,6 +241,12 @@ class Service:
                 sent.channel[:] = self._number
                 self._recorder.frames(sent)
 
+    def _state(self) -> State:
+        """Return the state with which a log begins that begins now."""
+        if not self.received:
+            return no_state
+        return partial(self._chain.packed, self._chain.state())
+
     def _give_maps(self, rows: NDArray[np.void]) -> None:
         if self._publisher is not None:
             self._publisher.renew_maps(rows)
@@ -272,9 +282,9 @@ class Service:
             for line in self._origins.news():
                 self._tell(True, line)
         self._pass_on_news()
-        self._systemd.keep_time(now_s, self.received, self._state)
+        self._systemd.keep_time(now_s, self.received, self._doing)
 
-    def _state(self) -> str:
+    def _doing(self) -> str:
         """Return in a few words what the service does at the moment."""
         if away := self._links.away:
             return f"waiting for {' and '.join(away)}"

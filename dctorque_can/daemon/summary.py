@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from dctorque_can.daemon.link import LinkCounts
-from dctorque_can.daemon.log_process import LogCounts
+from dctorque_can.daemon.log_counts import LogCounts
 
 
 @dataclass(frozen=True)
@@ -68,5 +68,6 @@ class Summary:
         """Return the summary for scripts."""
         result = asdict(self)
         if self.log is not None:
-            result["log"]["paths"] = [str(path) for path in self.log.paths]
+            for name in ("paths", "finalised"):
+                result["log"][name] = [str(path) for path in result["log"][name]]
         return result

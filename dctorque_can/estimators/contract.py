@@ -11,7 +11,7 @@ field ``tape`` of the state, which must be its last, is room for the smoother an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -66,6 +66,12 @@ INPUTS = np.dtype(
 )
 """What the bus says at a moment: values with their ages, and what was decided on them: gears, phases, …"""
 
+BY_FILE = (
+    *("mapped", "delay_us", "driven_axle", "infer_gears", "one_gear", "phases_told", "magnitudes", "step_us"),
+    *("torque_limit", "output_limit"),
+)
+"""Fields of `INPUTS` that never change."""
+
 ANSWER = np.dtype(
     [
         ("running", "u1"),  # estimates; else the torques are held as they were
@@ -94,12 +100,28 @@ class Functions(NamedTuple):
     report: Callable[..., None]
 
 
+Limits = Mapping[str, tuple[int, int]]
+
 _IMPLEMENTED: dict[type, Functions] = {}
+_LIMITS: dict[type, Limits] = {}
 
 
-def implement(kind: type, functions: Functions) -> None:
-    """Let the functions of this module be ``functions`` for estimators of the type ``kind``, a named tuple."""
+def implement(kind: type, functions: Functions, limits: Limits | None = None) -> None:
+    """Let the functions of this module be ``functions`` for estimators of the type ``kind``, a named tuple.
+
+    Args:
+        kind: the type.
+        functions: that work on it.
+        limits: least and largest value of the whole numbers in its state, by field, where `pipeline.bounds` cannot
+            tell them by the name.
+    """
     _IMPLEMENTED[kind] = functions
+    _LIMITS[kind] = limits or {}
+
+
+def limits_of(kind: type) -> Limits:
+    """Return the limits that `implement` was given."""
+    return _LIMITS[kind]
 
 
 class _Chosen:

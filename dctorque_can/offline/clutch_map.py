@@ -21,7 +21,8 @@ from dctorque_can.driveline.phases import PhaseSource
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.reorder import Reorder
-from dctorque_can.offline.replay import mapped_messages, reorder_window_us, truth_of
+from dctorque_can.offline.replay import mapped_messages, reorder_window_us
+from dctorque_can.offline.truth_log import truth_of
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.pipeline.samples import Quantity, Samples, SampleStatus
 

@@ -21,8 +21,8 @@ from dctorque_can.driveline.parameters import Vehicle
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.reader import LogReader, open_log
 from dctorque_can.offline.bound import BoundChain
-from dctorque_can.offline.replay import truth_of, truth_source
 from dctorque_can.offline.simulated_car import SIMULATION, SimulatedDrive
+from dctorque_can.offline.truth_log import truth_of, truth_source
 from dctorque_can.pipeline.estimates import Estimates
 from dctorque_can.pipeline.frames import Frames
 
@@ -105,7 +105,7 @@ def recorded_drive(log: LogReader) -> SimulatedDrive:
     """Read frames and truth of a log of a simulated car.
 
     Raises:
-        DctorqueError: it has no truth (`replay.truth_of`), or no frames.
+        DctorqueError: it has no truth (`truth_log.truth_of`), or no frames.
     """
     truth = truth_of(log.path)
     frames = list(log.dated_frames())

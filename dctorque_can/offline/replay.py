@@ -25,16 +25,16 @@ from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.daemon.kept_maps import MAPS, begun, read_state, state_name, state_of
+from dctorque_can.daemon.log_plan import OWN_MARK, STATE_NAME
 from dctorque_can.errors import DctorqueError
-from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
 from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.output_file import remove_partial
-from dctorque_can.logs.reader import LogReader, open_log
+from dctorque_can.logs.reader import LogReader
 from dctorque_can.logs.reorder import Reorder
 from dctorque_can.offline.playback import Player
 from dctorque_can.offline.traffic_time import TrafficTime
-from dctorque_can.offline.truth_log import read_truth, truth_path, write_truth
+from dctorque_can.offline.truth_log import truth_of, write_truth
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates
 from dctorque_can.pipeline.frames import Frames
 
@@ -96,6 +96,7 @@ class ReplayResult:
 
     Attributes:
         output: the new log, or None.
+        state: that the first log begins with: None if it has none, "" if it was used, else why it was not.
         frames: read.
         estimates: given.
         smoothed: whether these are smoothed.
@@ -115,6 +116,7 @@ class ReplayResult:
     """
 
     output: Path | None
+    state: str | None
     frames: int
     estimates: int
     smoothed: bool
@@ -159,41 +161,6 @@ def config_of(logs: Sequence[LogReader], overrides: Mapping[str, str]) -> Config
 REORDER_US = 100_000
 """Window within which frames of others' logs are sorted, where the vehicle file gives none."""
 
-_NEEDED = "comparing needs a log of `dctorque simulate`"
-
-
-def truth_source(log: Path) -> Path:
-    """Return the file with the truth of a simulated log: the MCAP itself, or beside a log of another format.
-
-    Raises:
-        DctorqueError: there is none.
-    """
-    plain = log.with_suffix("") if log.suffix.lower() == ".gz" else log
-    if plain.suffix.lower() == ".asc":
-        with open_log(log) as reader:
-            dated = reader.start_us is not None
-        if not dated:
-            raise DctorqueError(
-                f"{log}: names no date that is understood. So its times count from the first frame, those of "
-                "the truth from 1970: there is no comparing them; simulate to .mcap, .blf or .log"
-            )
-    source = truth_path(plain)
-    if source != log and not source.exists():
-        raise DctorqueError(f"{log}: has no truth: only an MCAP holds one, and there is no {source}; {_NEEDED}")
-    return source
-
-
-def truth_of(log: Path) -> NDArray[np.void]:
-    """Return the truth of a simulated log.
-
-    Raises:
-        DctorqueError: there is none.
-    """
-    try:
-        return read_truth(truth_source(log))
-    except LogReadError as error:
-        raise LogReadError(f"{error}; {_NEEDED}") from error
-
 
 def replay_logs(
     logs: Sequence[LogReader],
@@ -211,6 +178,9 @@ def replay_logs(
     """
     start = state_of(logs[0].documents) if content.state is None else read_state(content.state, config)
     replay = _Replay(config, targets, content, start)
+    state = logs[0].documents.get(STATE_NAME)
+    if state is not None:
+        replay.begin_with(state)
     began_s = time.monotonic()
     try:
         with replay:
@@ -235,6 +205,7 @@ def replay_logs(
         raise
     return ReplayResult(
         output=targets.log,
+        state=replay.state,
         frames=replay.traffic.frames,
         estimates=replay.status.estimates,
         smoothed=content.smooth,
@@ -256,6 +227,8 @@ def replay_logs(
 
 def reorder_window_us(log: LogReader, config: Config) -> int:
     """Return within which time the frames of a log are sorted: our own logs are as the estimator saw the bus."""
+    if OWN_MARK in log.metadata:  # of the service: as it received them, and gave its estimates
+        return 0
     if config.reorder_us is not None:
         return config.reorder_us
     return 0 if log.documents else REORDER_US
@@ -287,6 +260,7 @@ class _Replay:
         self.status = StatusShares()
         self.transmission = TransmissionFigures()
         self.time = TrafficTime()
+        self.state: str | None = None
         self._config = config
         self._content = content
         self._player = targets.player
@@ -311,6 +285,12 @@ class _Replay:
     def __exit__(self, *error: object) -> None:
         if self._log is not None:
             self._log.close()
+
+    def begin_with(self, state: bytes) -> None:
+        """Go on where the service stood when it began a log, if this is the same estimator."""
+        self.state = self._chain.restore(state)
+        if not self.state and self._chain.maps is not None:
+            self._map_start = "kept"
 
     @property
     def clutch_map(self) -> dict[str, Any] | None:

@@ -12,7 +12,7 @@ from dctorque_can.compiled import entry
 from dctorque_can.driveline.gear_pair import singular_pairs
 from dctorque_can.driveline.parameters import MAX_GEAR, Vehicle
 from dctorque_can.errors import DctorqueError
-from dctorque_can.pipeline import core, delays, methods, parts
+from dctorque_can.pipeline import bounds, core, delays, methods, parts
 from dctorque_can.pipeline.estimates import ESTIMATE, HEALTH, Estimates
 from dctorque_can.pipeline.rules import rules
 from dctorque_can.pipeline.samples import N_QUANTITIES, Samples
@@ -26,18 +26,20 @@ NOTHING = Estimates(NO_ROWS, NO_HEALTH)
 BY_PERIOD = np.zeros(0, np.bool_)
 
 
-class Snapshot(NamedTuple):
+class Moment(NamedTuple):
     """All that changes in an estimator while it is fed, but for a tape.
 
     Attributes:
         memory: of `Parts`.
         waiting: `delays.SAMPLES` ``[n]`` that have not taken effect, the oldest first.
+        stale: inputs that were missing in the last estimate ``[N_QUANTITIES]``.
         frame_us: time of the last frame.
         frame: its number.
     """
 
     memory: NDArray[np.int64]
     waiting: NDArray[np.void]
+    stale: NDArray[np.uint8]
     frame_us: int
     frame: int
 
@@ -132,26 +134,44 @@ class Estimator:
         return found
 
     @property
+    def dtypes(self) -> tuple[np.dtype[np.void], ...]:
+        """Of the records in the memory that a `snapshot` holds."""
+        return parts.dtypes(self._now)
+
+    @property
     def torque_limits(self) -> NDArray[np.float64]:
         """Largest clutch torques and output torque that are published ``[3]``, N·m."""
         inputs = self._now.inputs[0]
         return np.append(inputs["torque_limit"], inputs["output_limit"])
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> Moment:
         """Return a copy of all that changes in `feed`, but for the estimator's tape."""
         queue = self._queue[0]
         places = (queue["first"] + np.arange(queue["count"])) % delays.PLACES
-        return Snapshot(
-            self._now.memory.copy(), queue["waiting"][places], int(queue["frame_us"]), int(queue["frame"])
-        )
+        waiting, stale = queue["waiting"][places], queue["stale"].copy()
+        return Moment(self._now.memory.copy(), waiting, stale, int(queue["frame_us"]), int(queue["frame"]))
 
-    def restore(self, snapshot: Snapshot) -> None:
+    def restore(self, snapshot: Moment) -> None:
         """Go back to a `snapshot` of this estimator; the tape stays."""
         self._now.memory[:] = snapshot.memory
         queue, count = self._queue[0], len(snapshot.waiting)
         queue["first"], queue["count"] = 0, count
         queue["frame_us"], queue["frame"] = snapshot.frame_us, snapshot.frame
-        queue["waiting"][:count] = snapshot.waiting
+        queue["waiting"][:count], queue["stale"] = snapshot.waiting, snapshot.stale
+
+    def problem(self, snapshot: Moment) -> str:
+        """Return why a snapshot that is not of this process may not be restored, "" if it may."""
+        memory, waiting, stale, frame_us, frame = snapshot
+        rules = self._rules[0]
+        if memory.shape != self._now.memory.shape or stale.shape != (N_QUANTITIES,) or len(waiting) > delays.MOST:
+            return "it is of another shape"
+        if (stale > 1).any() or abs(frame_us) > core.LATEST_US or not 0 <= frame < core.LATEST_US:
+            return "what is noted of the last frame is none"
+        if self._now.memory.dtype != memory.dtype or waiting.dtype != delays.SAMPLES or stale.dtype != np.uint8:
+            return "it is of another type"
+        self._ahead.memory[:] = memory  # which every look ahead begins with
+        wrong = bounds.problem(self._ahead, self._now, rules)
+        return wrong or bounds.waiting_problem(waiting, int(self._ahead.core["arrived_us"][0]), rules)
 
     @property
     def health(self) -> NDArray[np.void]:

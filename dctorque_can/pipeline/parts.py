@@ -78,3 +78,9 @@ def new(chosen: Any, settings: Settings, coolant_c: NDArray[np.float64]) -> Part
             own[name] = chosen.state[name]
     kept = everything[: ends[-1] - tape // 8]
     return Parts(core, inputs, answer, health, derived_, monitor, chosen._replace(state=own), kept)
+
+
+def dtypes(parts: Parts) -> tuple[np.dtype[np.void], ...]:
+    """Return the dtypes of all records in the memory, in their order."""
+    records = (parts.core, parts.inputs, parts.answer, parts.health, parts.derived, parts.monitor)
+    return tuple(record.dtype for record in (*records, parts.chosen.state))

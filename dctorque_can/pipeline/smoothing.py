@@ -23,7 +23,7 @@ from dctorque_can.estimators.kalman import lasting, smoother, tape
 from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.arrivals import Arrivals, without_delays
 from dctorque_can.pipeline.estimates import ESTIMATE, Estimates, Status
-from dctorque_can.pipeline.estimator import BY_PERIOD, Estimator, Snapshot
+from dctorque_can.pipeline.estimator import BY_PERIOD, Estimator, Moment
 from dctorque_can.pipeline.hindsight import Hindsight, against_gears
 from dctorque_can.pipeline.samples import Samples
 from dctorque_can.pipeline.settings import Settings
@@ -47,7 +47,7 @@ class _Segment(NamedTuple):
 class _Before(NamedTuple):
     """What was before a segment: the estimator, and `lasting.SENSITIVITY` ``[1]``."""
 
-    estimator: Snapshot
+    estimator: Moment
     errors: NDArray[np.void]
 
 
@@ -81,7 +81,7 @@ class Smoother:
     def _begin(self) -> None:
         self._segments: list[_Segment] = []
         self._hindsight = Hindsight(self._estimator.diary)
-        self._first: Snapshot | None = None
+        self._first: Moment | None = None
 
     @property
     def health(self) -> NDArray[np.void]:

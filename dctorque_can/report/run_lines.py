@@ -41,6 +41,11 @@ def run_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     if (log := summary["log"]) is not None:
         missing = f"; {log['dropped']} frames missing" if log["dropped"] else ""
         yield f"log: {log['written']} frames in {', '.join(log['paths']) or 'no file'}{missing}"
+        if log["late_flushes"]:
+            yield (
+                f"log: {log['late_flushes']} times later with the operating system than logging.flush_ms, "
+                f"{log['slowest_flush_ms']:.0f} ms after receiving at most"
+            )
 
 
 def _bus_lines(buses: list[Mapping[str, Any]]) -> Iterator[str]:

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.log_plan import LogPlan, plan_for
+from dctorque_can.daemon import log_process
+from dctorque_can.daemon.log_plan import STATE_NAME, LogPlan, plan_for
 from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.log_protocol import frames_message
+from dctorque_can.daemon.log_protocol import Kind, frames_message, message
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.frames import Frames
@@ -31,9 +32,21 @@ def batch(number: int) -> bytes:
     return frames_message(frames)
 
 
+def confirmed(process: LogProcess, frames: int) -> None:
+    """Wait until the operating system has so many frames: safe from here on."""
+    process.flush()
+    wait_until(process, f"counts.written >= {frames}")
+    assert process.counts.written == frames
+
+
 def frames_in(path: Path) -> int:
     with open_log(path) as log:
         return sum(len(frames) for frames in log.frames())
+
+
+def times_in(path: Path) -> list[int]:
+    with open_log(path) as log:
+        return Frames.concatenate(log.frames()).t_us.tolist()
 
 
 def wait_until(process: LogProcess, condition: str) -> None:
@@ -73,17 +86,59 @@ def test_everything_handed_over_is_written(process: LogProcess, config: Config) 
         assert log.documents == config.documents
 
 
-def test_a_killed_writer_is_replaced_and_its_frames_are_counted(process: LogProcess) -> None:
+def test_a_killed_writer_is_replaced_and_nothing_is_missing_or_doubled(process: LogProcess) -> None:
+    """What it had not confirmed goes to the next one, with the state of the last confirmed point."""
     process.hand_over(batch(0), BATCH)
-    wait_until(process, f"counts.written == {BATCH}")  # flushed: safe from here on
-    os.kill(worker_pid(process), signal.SIGKILL)
-    wait_until(process, "counts.restarts == 1 and len(counts.paths) == 2")
+    process.flush(lambda: b"state 0")
+    wait_until(process, f"counts.written == {BATCH}")
     process.hand_over(batch(1), BATCH)
+    process.pump()
+    time.sleep(0.3)  # it is flushed, but nobody has asked for that
+    os.kill(worker_pid(process), signal.SIGKILL)
+    process.hand_over(batch(2), BATCH)
+    wait_until(process, "counts.restarts == 1 and len(counts.paths) == 2 and counts.finalised")
+    process.hand_over(batch(3), BATCH)
     process.close()
     first, second = process.counts.paths
-    assert frames_in(first) == BATCH
-    assert frames_in(second) == BATCH
-    assert process.counts.written + process.counts.dropped == 2 * BATCH
+    assert times_in(first) == [1_000_000 + 1000 * n for n in range(BATCH)]
+    assert times_in(second) == [k * 1_000_000 + 1000 * n for k in (2, 3, 4) for n in range(BATCH)]
+    assert process.counts.finalised == [first]
+    assert (process.counts.written, process.counts.dropped) == (4 * BATCH, 0)
+    with open_log(second) as log:
+        assert log.documents[STATE_NAME] == b"state 0"
+
+
+def test_writers_that_are_killed_while_they_start_leave_no_log_behind(
+    process: LogProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last one gets everything, once, in one log."""
+    monkeypatch.setattr(log_process, "RESTART_S", 0.0)
+    process.hand_over(batch(0), BATCH)
+    for number in range(1, 5):
+        os.kill(worker_pid(process), signal.SIGKILL)
+        wait_until(process, f"counts.restarts == {number}")
+        process.hand_over(batch(number), BATCH)
+    process.close()
+    first, second = process.counts.paths
+    assert times_in(first) == []
+    assert times_in(second) == [k * 1_000_000 + 1000 * n for k in range(1, 6) for n in range(BATCH)]
+    assert (process.counts.written, process.counts.dropped) == (5 * BATCH, 0)
+
+
+def test_a_writer_that_dies_again_and_again_does_not_get_the_same_for_ever(
+    process: LogProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is handed over may be what kills it: after the fifth time it goes, and a new log begins."""
+    monkeypatch.setattr(log_process, "RESTART_S", 0.0)
+    process.hand_over(message(Kind.TABLE, b"no table\0"), 7)
+    wait_until(process, "counts.restarts == 5")
+    assert process.counts.dropped == 7
+    assert process.wants_new(time.monotonic())
+    process.rotate(lambda: b"state")
+    process.hand_over(batch(0), BATCH)
+    confirmed(process, BATCH)
+    process.close()
+    assert frames_in(process.counts.paths[-1]) == BATCH
 
 
 def test_a_log_is_closed_after_the_death_of_the_service(process: LogProcess) -> None:
@@ -91,6 +146,7 @@ def test_a_log_is_closed_after_the_death_of_the_service(process: LogProcess) -> 
     process.hand_over(batch(0), BATCH)
     process.pump()
     writer, process._process = process._process, None
+    process._unconfirmed.clear()  # else another one would be started for it
     assert writer is not None
     assert writer.stdin is not None
     assert writer.stdout is not None
@@ -128,7 +184,7 @@ def test_a_full_disk_is_told_and_counted(process: LogProcess) -> None:
     """The file size limit of the writer stands for the end of the disk."""
     resource.prlimit(worker_pid(process), resource.RLIMIT_FSIZE, (100_000, 100_000))
     process.hand_over(batch(0), BATCH)
-    wait_until(process, f"counts.written == {BATCH}")
+    confirmed(process, BATCH)
     for number in range(1, 40):
         process.hand_over(batch(number), BATCH)
         process.pump()
@@ -144,7 +200,7 @@ def test_a_full_disk_is_told_and_counted(process: LogProcess) -> None:
 
 def test_a_full_disk_leaves_no_empty_file(process: LogProcess, folder: Path) -> None:
     process.hand_over(batch(0), BATCH)
-    wait_until(process, f"counts.written == {BATCH}")
+    confirmed(process, BATCH)
     resource.prlimit(worker_pid(process), resource.RLIMIT_FSIZE, (0, 0))
     for _ in range(3):
         process.rotate()
@@ -168,7 +224,9 @@ def test_logs_rotate_by_size(config: Config, folder: Path) -> None:
     process.open()
     for number in range(4):
         process.hand_over(batch(number), BATCH)
-        wait_until(process, f"counts.written >= {BATCH * (number + 1)}")
+        confirmed(process, BATCH * (number + 1))
+        if process.wants_new(time.monotonic()):
+            process.rotate()
     process.close()
     assert len(process.counts.paths) >= 3
     assert sum(frames_in(path) for path in process.counts.paths) == 4 * BATCH

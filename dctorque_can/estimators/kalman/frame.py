@@ -359,5 +359,7 @@ def is_finite(k: Kalman) -> bool:
 
 
 contract.implement(
-    Kalman, contract.Functions(start, stop, advance, act, answers.conclude, is_finite, answers.report)
+    Kalman,
+    contract.Functions(start, stop, advance, act, answers.conclude, is_finite, answers.report),
+    {"heading": (-1, 1), "fault": (0, int(_MISSING))},
 )

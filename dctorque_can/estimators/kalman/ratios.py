@@ -40,12 +40,13 @@ def recall(f: Any, tuning: Any, i: int) -> None:
     if f.gear[i] == 0:
         forget(f, own, 0.0, 0.0)
         return
-    if not f.ratio_known[g]:
+    of_scale, variance = f.ratio_of_scale[g], f.ratio_variance[g]
+    mean = f.ratio_mean[g] + of_scale * f.x[SCALE]
+    if not (f.ratio_known[g] and math.isfinite(mean) and 0.0 <= variance < math.inf):
         forget(f, own, 0.0, tuning.ratio_error**2)
         return
-    of_scale = f.ratio_of_scale[g]
-    variance = f.ratio_variance[g] + tuning.ratio_again**2
-    forget(f, own, f.ratio_mean[g] + of_scale * f.x[SCALE], 0.0)
+    variance += tuning.ratio_again**2
+    forget(f, own, mean, 0.0)
     for k in range(N):
         if k != own:
             f.P[own, k] = f.P[k, own] = of_scale * f.P[SCALE, k]

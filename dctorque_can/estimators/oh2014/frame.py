@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.compiled import compiled_without_allocation
-from dctorque_can.driveline.parameters import Vehicle
+from dctorque_can.driveline.parameters import MAX_GEAR, Vehicle
 from dctorque_can.driveline.phase_decision import NEVER
 from dctorque_can.estimators import contract
 from dctorque_can.estimators.inputs import (
@@ -343,4 +343,8 @@ def report(o: Oh2014, row: Any) -> None:
     """Do nothing: the observer has no innovations of its own, and learns no gain."""
 
 
-contract.implement(Oh2014, contract.Functions(start, stop, advance, act, conclude, is_finite, report))
+contract.implement(
+    Oh2014,
+    contract.Functions(start, stop, advance, act, conclude, is_finite, report),
+    {"g1": (-1, MAX_GEAR), "g2": (-1, MAX_GEAR), "side": (0, 2), "wheels": (0, 15)},
+)

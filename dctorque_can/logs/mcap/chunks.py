@@ -6,11 +6,14 @@ that numpy has laid out, and leaves all other records to the classes of the pack
 
 from __future__ import annotations
 
+import fcntl
 import os
+import stat
 import struct
 import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from io import FileIO
 from pathlib import Path
 from typing import Literal
 
@@ -48,6 +51,9 @@ Compression = Literal["lz4", "zstd", ""]
 class ChunkedFile:
     """Writes records to a new file; every record reaches the operating system whole, in one go.
 
+    A file that is ``held`` is never opened through a symbolic link, and locked (flock) until it is closed: so one
+    sees that somebody still writes it.
+
     Attributes:
         size: bytes written so far, without the chunk in memory.
         waiting: bytes in the chunk in memory.
@@ -61,6 +67,7 @@ class ChunkedFile:
         chunk_size: int = 1 << 20,
         overwrite: bool = True,
         profile: str = "ros2",
+        held: bool = False,
     ) -> None:
         self.path = path
         self.size = 0
@@ -76,7 +83,7 @@ class ChunkedFile:
         self._counts: dict[int, int] = defaultdict(int)
         self._failed = False
         try:
-            self._file = path.open("wb" if overwrite else "xb", buffering=0)
+            self._file = FileIO(path, "wb" if overwrite else "xb", opener=_held if held else None)
         except FileExistsError as error:
             raise LogWriteError(f"{path}: exists already; give another name, it is not overwritten") from error
         except OSError as error:
@@ -166,6 +173,10 @@ class ChunkedFile:
             os.fsync(self._file.fileno())
         except OSError as error:
             raise self._failure(error) from error
+
+    def fileno(self) -> int:
+        """Return the number by which the operating system knows the file."""
+        return self._file.fileno()
 
     def flush(self) -> None:
         """End the chunk and hand it to the operating system: a killed process loses nothing of it."""
@@ -300,6 +311,19 @@ class ChunkedFile:
             raise LogWriteError(f"{self.path}: an earlier write failed, nothing more is written")
         if self._file.closed:
             raise LogWriteError(f"{self.path}: is closed, nothing more is written")
+
+
+def _held(path: str, flags: int) -> int:
+    """Open a file that nobody else writes; what is in it goes only then. A device is shared."""
+    number = os.open(path, (flags & ~os.O_TRUNC) | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    try:
+        if stat.S_ISREG(os.fstat(number).st_mode):
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.ftruncate(number, 0)
+    except OSError:
+        os.close(number)
+        raise
+    return number
 
 
 def _encoded(records: Iterable[McapRecord]) -> bytes:

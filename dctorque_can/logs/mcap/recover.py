@@ -30,6 +30,7 @@ class Recovery:
         attachments: saved.
         lost: one line for each damaged place; empty if the file was whole.
         bytes_lost: size of the damaged places.
+        only_cut: nothing is damaged but the end of the file.
     """
 
     messages: int
@@ -38,6 +39,7 @@ class Recovery:
     attachments: int
     lost: tuple[str, ...]
     bytes_lost: int
+    only_cut: bool
 
 
 def recover(path: Path | str, out: Path | str, progress: Callable[[float], None] | None = None) -> Recovery:
@@ -60,10 +62,10 @@ def recover(path: Path | str, out: Path | str, progress: Callable[[float], None]
         raise LogWriteError(f"{out}: exists already; give another name, it is not overwritten")
     target = ChunkedFile(out, overwrite=False, profile=source.profile)
     try:
+        for name, values in source.metadata.items():  # first of all: by the first of them a log is known
+            target.add_metadata(name, values)
         for attachment in source.attachments:
             target.add_attachment(attachment.name, attachment.media_type, attachment.data, attachment.log_time)
-        for name, values in source.metadata.items():
-            target.add_metadata(name, values)
         copy = _Copy(source, target)
         for records in source.runs():
             copy.take(records)
@@ -87,6 +89,7 @@ def recover(path: Path | str, out: Path | str, progress: Callable[[float], None]
         attachments=len(source.attachments),
         lost=tuple(str(lost) for lost in source.lost),
         bytes_lost=sum(lost.size for lost in source.lost),
+        only_cut=all(lost.start + lost.size == source.size for lost in source.lost),
     )
 
 

@@ -41,7 +41,12 @@ _FD_FRAME_RECORD = message_record(FD_FRAME)
 _FRAME_IDS = np.array([f"can{channel}" for channel in range(256)], "S8")
 _FRAME_ID_SIZES = np.array([len(f"can{channel}") + 1 for channel in range(256)], np.uint32)
 _UNKNOWN = 0  # no channel has the id 0
-_MEDIA_TYPES = {".yaml": "application/yaml", ".yml": "application/yaml", ".json": "application/json"}
+_MEDIA_TYPES = {
+    ".yaml": "application/yaml",
+    ".yml": "application/yaml",
+    ".json": "application/json",
+    ".state": "application/octet-stream",
+}
 
 
 class McapLog:
@@ -55,6 +60,7 @@ class McapLog:
         compression: "lz4" (fast), "zstd" (smaller) or "" (none).
         chunk_size: bytes of messages after which a chunk is written by itself.
         overwrite: replace an existing file; otherwise that is an error.
+        held: as `ChunkedFile` says: locked, and never through a symbolic link.
 
     Raises:
         LogWriteError: here and in every method: the file can not be written; all that was flushed stays readable.
@@ -69,9 +75,12 @@ class McapLog:
         compression: Compression = "lz4",
         chunk_size: int = 1 << 20,
         overwrite: bool = True,
+        held: bool = False,
     ) -> None:
         self.path = Path(path)
-        self._file = ChunkedFile(self.path, compression=compression, chunk_size=chunk_size, overwrite=overwrite)
+        self._file = ChunkedFile(
+            self.path, compression=compression, chunk_size=chunk_size, overwrite=overwrite, held=held
+        )
         self._schemas: dict[tuple[str, str], int] = {}
         self._tables: dict[Table, int] = {}
         self._events = _UNKNOWN
@@ -90,6 +99,15 @@ class McapLog:
     def size(self) -> int:
         """Bytes written and waiting (uncompressed): what a rotation by size looks at."""
         return self._file.size + self._file.waiting
+
+    @property
+    def written(self) -> int:
+        """Bytes that were handed to the operating system."""
+        return self._file.size
+
+    def fileno(self) -> int:
+        """Return the number by which the operating system knows the file."""
+        return self._file.fileno()
 
     def write_frames(self, frames: Frames) -> None:
         """Append frames in their order: topic ``/can<channel>``, with ``/fd``, ``/sent``, ``/tx`` as they are."""
