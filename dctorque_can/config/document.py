@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -117,7 +119,22 @@ def shown(value: object) -> str:
 
 
 def parse(content: bytes, name: str) -> Document:
-    """Parse the bytes of a YAML file; whatever is wrong is in ``problems`` of the result."""
+    """Parse the bytes of a YAML file; whatever is wrong is in ``problems`` of the result.
+
+    The same file is mostly wanted several times, with other keys laid over it, and reading YAML is slow.
+    """
+    known = _parsed(content, name)
+    return replace(
+        known,
+        data=deepcopy(known.data),
+        places=known.places.copy(),
+        problems=known.problems.copy(),
+        unreadable=known.unreadable.copy(),
+    )
+
+
+@lru_cache(maxsize=32)
+def _parsed(content: bytes, name: str) -> Document:
     document = Document(name)
     try:
         text = content.decode("utf-8-sig")

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dctorque_can.compiled import compiled
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.simulation.engine import CRANKED, closed, driver_demand, full_load, starter, with_idle_control
 from dctorque_can.simulation.gear_choice import up_shift_speed, wanted_gear
 from dctorque_can.simulation.mechanism import STUCK
@@ -84,18 +84,18 @@ _CREEP_SHARES = (0.6, 0.9)  # of idle speed: input speeds between which the cree
 _HOLD = 0.4  # braking force of the hill holder per weight
 
 
-@compiled
+@compiled_without_allocation
 def _enter(c: Any, state: int) -> None:
     c.state = state
     c.since = 0.0
 
 
-@compiled
+@compiled_without_allocation
 def _approach(value: float, target: float, step: float) -> float:
     return min(value + step, max(value - step, target))
 
 
-@compiled
+@compiled_without_allocation
 def _creep(p: Parameters, c: Any, brake: float, w_c: float, engaged: Any) -> float:
     """Return the clutch torque of creeping, N·m, 0 if the car is not to creep."""
     shaft = p.gear_shaft[c.gear]
@@ -105,7 +105,7 @@ def _creep(p: Parameters, c: Any, brake: float, w_c: float, engaged: Any) -> flo
     return _CREEP_TORQUE * min(1.0, max(0.0, (high - w_c / p.idle) / (high - low)))
 
 
-@compiled
+@compiled_without_allocation
 def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: float, engaged: Any) -> None:
     for i in range(2):  # gently at the end: the driveline is wound up
         fast = c.capacity[i] > 40.0 or brake > 0.0
@@ -125,7 +125,7 @@ def _open(p: Parameters, c: Any, pedal: float, brake: float, v: float, creep: fl
         _enter(c, LAUNCH)
 
 
-@compiled
+@compiled_without_allocation
 def _launch(p: Parameters, c: Any, pedal: float, T_e: float, w_c: float, slip: float, stuck: bool) -> None:
     """Hold the engine at a speed that suits the pedal until the shaft catches up, then meet it softly."""
     shaft = p.gear_shaft[c.gear]
@@ -147,7 +147,7 @@ def _launch(p: Parameters, c: Any, pedal: float, T_e: float, w_c: float, slip: f
         _enter(c, OPEN)
 
 
-@compiled
+@compiled_without_allocation
 def _drive(
     p: Parameters, c: Any, pedal: float, brake: float, v: float, carried: float, w_c: float, stuck: bool
 ) -> None:
@@ -167,7 +167,7 @@ def _drive(
         _enter(c, FILL)
 
 
-@compiled
+@compiled_without_allocation
 def _fill(p: Parameters, c: Any, T_e: float, pedal: float, carried: float, slips: Any, engaged: Any) -> None:
     """Wait for gear and clutch, then choose the order of the phases."""
     new = p.gear_shaft[c.target]
@@ -189,7 +189,7 @@ def _fill(p: Parameters, c: Any, T_e: float, pedal: float, carried: float, slips
         _enter(c, TORQUE if c.torque_first else INERTIA)
 
 
-@compiled
+@compiled_without_allocation
 def _hand_over(p: Parameters, c: Any, carried: float) -> None:
     """Torque phase: the on-coming clutch takes the load that the off-going one gives away."""
     old, new = p.gear_shaft[c.gear], p.gear_shaft[c.target]
@@ -208,7 +208,7 @@ def _hand_over(p: Parameters, c: Any, carried: float) -> None:
             _enter(c, DRIVE)
 
 
-@compiled
+@compiled_without_allocation
 def _synchronise(
     p: Parameters, c: Any, T_e: float, T_driver: float, w_old: float, w_new: float, stuck: bool
 ) -> float:
@@ -242,7 +242,7 @@ def _synchronise(
     return float(clutch + J * dw_ref)
 
 
-@compiled
+@compiled_without_allocation
 def _take_back(p: Parameters, c: Any, T_e: float, w_old: float, w_new: float) -> None:
     """Go back to the gear of the lever from a shift that the on-coming clutch has begun, from where it is."""
     old, new = c.gear, c.target
@@ -272,7 +272,7 @@ def _take_back(p: Parameters, c: Any, T_e: float, w_old: float, w_new: float) ->
     c.since = low * c.duration
 
 
-@compiled
+@compiled_without_allocation
 def _preselect(p: Parameters, c: Any, pedal: float) -> None:
     """Choose the gear of the idle shaft: the next one up under power, the next one down while coasting."""
     if c.gear < 0:
@@ -291,7 +291,7 @@ def _preselect(p: Parameters, c: Any, pedal: float) -> None:
         c.gear_command[p.gear_shaft[wish]] = wish
 
 
-@compiled
+@compiled_without_allocation
 def decide(
     p: Parameters, c: Any, pedal: float, brake: float, speed: Any, T_e: float, mode: Any, engaged: Any
 ) -> None:
@@ -316,7 +316,7 @@ def decide(
 
     shaft = p.gear_shaft[c.gear]
     w_c = speed[2 + shaft]
-    slips = w_e - speed[2:4]
+    slips = w_e - speed[2], w_e - speed[3]
     stuck = mode[shaft] == STUCK
     T_driver = driver_demand(p, pedal, w_e)
     wish = T_driver

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dctorque_can.compiled import compiled
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.simulation.powertrain import Parameters
 
 _PEDAL_RATE = 0.6  # 1/s
@@ -10,7 +10,7 @@ _BRAKE_RATE = 1.0  # of the weight, 1/s
 _COASTING = -0.6  # m/s²; harder deceleration needs the brake
 
 
-@compiled
+@compiled_without_allocation
 def follow(
     p: Parameters,
     aim: float,

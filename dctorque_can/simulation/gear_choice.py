@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dctorque_can.compiled import compiled
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.simulation.powertrain import Parameters
 
 
-@compiled
+@compiled_without_allocation
 def up_shift_speed(p: Parameters, gear: int, pedal: float) -> float:
     """Return the speed above which the next gear is taken, m/s."""
     row = p.up_shift[min(gear, p.up_shift.shape[0]) - 1]
@@ -20,7 +20,7 @@ def up_shift_speed(p: Parameters, gear: int, pedal: float) -> float:
     return float(row[last])
 
 
-@compiled
+@compiled_without_allocation
 def wanted_gear(p: Parameters, lever: int, gear: int, pedal: float, v: float) -> int:
     """Return the gear to go to from ``gear`` at ``v`` in m/s, by ``lever`` (0 automatic, or a gear by hand)."""
     if gear < 0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from dctorque_can.compiled import compiled
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.simulation.layout import BODY, CLUTCH1, CONE1, OUTPUT, PERIOD, SHAFT1, TWIST_TRANSFER1
 from dctorque_can.simulation.mechanism import FREE, STUCK, Mechanism, Motion, spring_torque
 from dctorque_can.simulation.powertrain import Parameters
@@ -20,7 +20,7 @@ _TURNING = 1.0  # rad/s, from which dry friction of bearings and seals has all i
 _LOSSES_TURN = 0.1  # rad/s of the output shaft, on either side of zero: within, the losses fade and turn round
 
 
-@compiled
+@compiled_without_allocation
 def engage(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, shaft: int, gear: int) -> None:
     """Join a shaft to the output shaft through the transfer shaft of ``gear``, or let it go (gear 0)."""
     spring = TWIST_TRANSFER1 + shaft
@@ -34,7 +34,7 @@ def engage(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, shaft: i
     mechanism.spring_speed[spring, OUTPUT] = -p.final_drive[gear]
 
 
-@compiled
+@compiled_without_allocation
 def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, command: Any) -> None:
     """Move the sleeves: out of a gear, to the cone of the next, and in when the cone sticks.
 
@@ -75,14 +75,14 @@ def change_gears(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, co
             a.changing[shaft] = False
 
 
-@compiled
+@compiled_without_allocation
 def spin_loss(p: Parameters, shaft: int, speed: float) -> float:
     """Return the torque against a shaft that turns and carries nothing, N·m; shaft 2 is the output shaft."""
     turning = min(1.0, max(-1.0, speed / _TURNING))
     return float(p.spin_loss[shaft, 0] * turning + p.spin_loss[shaft, 1] * speed)
 
 
-@compiled
+@compiled_without_allocation
 def _arms(p: Parameters, gear: int, driving: bool) -> tuple[float, float]:
     """Return the lever arms of input shaft and output shaft at the transfer shaft, losses included."""
     arm_in, arm_out = 1.0 / p.ratio[gear], p.final_drive[gear]
@@ -91,7 +91,7 @@ def _arms(p: Parameters, gear: int, driving: bool) -> tuple[float, float]:
     return arm_in * p.gear_efficiency, arm_out / p.final_drive_efficiency
 
 
-@compiled
+@compiled_without_allocation
 def set_losses(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any) -> None:
     """Set the lossy lever arms of both gears by the direction of their power (losses always against the flow).
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.compiled import compiled
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.driveline.phases import ClutchPhase
 
 Floats = NDArray[np.float64]
@@ -88,7 +88,7 @@ class Loads(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for one trial step, reused."""
+    """Room for one trial step, and for which contacts hold, reused."""
 
     matrix: Floats  # [n + m, n + m], factorised
     unknowns: Floats  # [2, n + m], speeds and contact torques of both stages
@@ -96,6 +96,10 @@ class Scratch(NamedTuple):
     base_twist: Floats  # [s]
     twist: Floats  # [2, s]
     torque: Floats  # [2, m]
+    net: Floats  # [n], what acts beside the contacts that stick
+    small: Floats  # [m, m], what these do to each other's slips
+    needed: Floats  # [m], what each of them would have to carry
+    stuck: NDArray[np.int64]  # [m], which contacts they are
 
 
 def new_motion(n: int, s: int, m: int) -> Motion:
@@ -122,10 +126,14 @@ def new_scratch(n: int, s: int, m: int) -> Scratch:
         np.zeros(s),
         np.zeros((2, s)),
         np.zeros((2, m)),
+        np.zeros(n),
+        np.zeros((m, m)),
+        np.zeros(m),
+        np.zeros(m, np.int64),
     )
 
 
-@compiled
+@compiled_without_allocation
 def spring_torque(mechanism: Mechanism, motion: Motion, spring: int) -> float:
     """Return k δ + b dδ/dt of one spring now."""
     rate = 0.0
@@ -134,7 +142,7 @@ def spring_torque(mechanism: Mechanism, motion: Motion, spring: int) -> float:
     return float(mechanism.stiffness[spring] * motion.twist[spring] + mechanism.damping[spring] * rate)
 
 
-@compiled
+@compiled_without_allocation
 def phase_of(mode: int) -> int:
     """Return the `ClutchPhase` of a contact's mode."""
     if mode == FREE:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.compiled import compiled
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.simulation.control import CONTROL, TORQUE, decide
 from dctorque_can.simulation.driver import follow
 from dctorque_can.simulation.engine import CRANKED, told_without_fire
@@ -84,14 +84,14 @@ from dctorque_can.simulation.stick_slip import advance
 _TYRE_DAMPING_SPEED = 1.0  # m/s; a rolling tyre is damped by its slip, its own damping is for standstill
 
 
-@compiled
+@compiled_without_allocation
 def capacity(p: Parameters, clutch: int, position: float) -> float:
     """Return the kinetic torque capacity of a clutch at an actuator position in mm, N·m."""
     travel = min(1.0, max(0.0, (position - p.kiss) / (p.full - p.kiss)))
     return float(p.capacity_full[clutch] * travel**p.force_exponent)
 
 
-@compiled
+@compiled_without_allocation
 def position_for(p: Parameters, clutch: int, torque: float, ready: bool) -> float:
     """Return the position in mm that, for all the control knows, gives a capacity, or that of rest for none."""
     if torque <= 0.0:
@@ -100,14 +100,14 @@ def position_for(p: Parameters, clutch: int, torque: float, ready: bool) -> floa
     return float(p.kiss + (p.full - p.kiss) * share ** (1.0 / p.force_exponent))
 
 
-@compiled
+@compiled_without_allocation
 def _available(p: Parameters, a: Any, clutch: int, fraction: float) -> float:
     """Return the kinetic capacity of a clutch now, ``fraction`` into the millisecond, N·m."""
     factor = a.factor[clutch] + fraction * (a.next_factor[clutch] - a.factor[clutch])
     return float(a.friction[clutch] * factor * capacity(p, clutch, a.position[clutch] - a.kiss_shift[clutch]))
 
 
-@compiled
+@compiled_without_allocation
 def _heat(p: Parameters, motion: Motion, a: Any) -> None:
     """Store the heat of the last millisecond in both clutches and let their friction fade."""
     if p.fading <= 0.0:
@@ -119,7 +119,7 @@ def _heat(p: Parameters, motion: Motion, a: Any) -> None:
         a.friction[i] = 1.0 - p.fading * min(1.0, a.stored[i] / p.fading_heat)
 
 
-@compiled
+@compiled_without_allocation
 def _roll(p: Parameters, mechanism: Mechanism, motion: Motion, tyre: int, v: float, grip: float) -> None:
     """Let one of the driven tyres forget its deflection, by its way and by its slip.
 
@@ -142,7 +142,7 @@ def _roll(p: Parameters, mechanism: Mechanism, motion: Motion, tyre: int, v: flo
     mechanism.damping[tyre] = max(0.0, 1.0 - used) * damping / (1.0 + v / _TYRE_DAMPING_SPEED)
 
 
-@compiled
+@compiled_without_allocation
 def move(
     p: Parameters,
     mechanism: Mechanism,
@@ -168,7 +168,9 @@ def move(
     _heat(p, motion, a)
     engine_share = 1.0 - np.exp(-STEP / p.torque_lag) if c.engine_on else 1.0  # without fuel there is only drag
     actuator_share = 1.0 - np.exp(-STEP / p.actuator_lag)
-    loses = p.spin_loss.max() > 0.0
+    loses = False
+    for k in range(3):
+        loses |= p.spin_loss[k, 0] > 0.0 or p.spin_loss[k, 1] > 0.0
     gravity = -p.weight * np.sin(grade)
     hold = p.rolling * p.weight * np.cos(grade) + brake
     for step in range(SUBSTEPS):
@@ -181,26 +183,27 @@ def move(
         loads.force[0, ENGINE] = a.T_e
         a.T_e += engine_share * (c.engine_command - a.T_e)
         loads.force[1, ENGINE] = a.T_e
-        loads.force[:, BODY] = gravity
-        if loses:
-            loads.force[:, SHAFT1] = -spin_loss(p, 0, motion.speed[SHAFT1])
-            loads.force[:, SHAFT2] = -spin_loss(p, 1, motion.speed[SHAFT2])
-            loads.force[:, OUTPUT] = -spin_loss(p, 2, motion.speed[WHEEL])  # not its own: it is light and rings
+        for end in range(2):
+            loads.force[end, BODY] = gravity
+            if loses:
+                loads.force[end, SHAFT1] = -spin_loss(p, 0, motion.speed[SHAFT1])
+                loads.force[end, SHAFT2] = -spin_loss(p, 1, motion.speed[SHAFT2])
+                loads.force[end, OUTPUT] = -spin_loss(p, 2, motion.speed[WHEEL])  # its own rings: it is light
         for i in range(2):
             loads.kinetic[0, CLUTCH1 + i] = _available(p, a, i, step / SUBSTEPS)
             wanted = position_for(p, i, c.capacity[i], c.ready[i])
             a.position[i] += actuator_share * (wanted - a.position[i])
             loads.kinetic[1, CLUTCH1 + i] = _available(p, a, i, (step + 1) / SUBSTEPS)
-            loads.kinetic[:, CONE1 + i] = a.cone[i]
             for end in range(2):
+                loads.kinetic[end, CONE1 + i] = a.cone[i]
                 loads.static[end, CLUTCH1 + i] = p.static_ratio[i] * loads.kinetic[end, CLUTCH1 + i]
                 loads.static[end, CONE1 + i] = p.cone_static_ratio * a.cone[i]
-        loads.kinetic[:, ROAD] = hold
-        loads.static[:, ROAD] = hold
+        for end in range(2):
+            loads.kinetic[end, ROAD] = loads.static[end, ROAD] = hold
         advance(mechanism, motion, loads, STEP, scratch)
 
 
-@compiled
+@compiled_without_allocation
 def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, row: Any) -> None:
     """Write the present state into one `TRUTH` record (time, pedal, brake and grade are the caller's)."""
     w = motion.speed
@@ -262,7 +265,7 @@ def record(p: Parameters, mechanism: Mechanism, motion: Motion, a: Any, c: Any, 
     row.road_heat_j = motion.contact_heat[ROAD] + motion.spring_heat[AIR]
 
 
-@compiled
+@compiled_without_allocation
 def run(
     p: Parameters,
     mechanism: Mechanism,

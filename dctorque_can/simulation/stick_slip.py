@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.compiled import compiled
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.simulation.mechanism import (
     BACKWARD,
     FORWARD,
@@ -32,7 +32,7 @@ _MAX_EVENTS = 40  # in one step; after that what has come to rest stays so until
 _ROOT_ITERATIONS = 60
 
 
-@compiled
+@compiled_without_allocation
 def _factorise(mechanism: Mechanism, mode: NDArray[np.int64], h: float, scratch: Scratch) -> int:
     """Set up and factorise the matrix of both stages of a step of ``h``; return its size.
 
@@ -76,7 +76,7 @@ def _factorise(mechanism: Mechanism, mode: NDArray[np.int64], h: float, scratch:
     return size
 
 
-@compiled
+@compiled_without_allocation
 def _stage(
     mechanism: Mechanism,
     mode: NDArray[np.int64],
@@ -90,47 +90,45 @@ def _stage(
     """Solve one stage from ``base_speed`` and ``base_twist``, loads taken at ``fraction`` of the whole step."""
     n, s, m = mechanism.mass.size, mechanism.stiffness.size, mode.size
     gh = GAMMA * h
-    x = scratch.unknowns[stage]
-    torque = scratch.torque[stage]
-    twist = scratch.twist[stage]
+    x, torque, twist = scratch.unknowns, scratch.torque, scratch.twist
     for i in range(n):
         force = loads.force[0, i] + fraction * (loads.force[1, i] - loads.force[0, i])
-        x[i] = mechanism.mass[i] * scratch.base_speed[i] + gh * force
+        x[stage, i] = mechanism.mass[i] * scratch.base_speed[i] + gh * force
     for i in range(n, size):
-        x[i] = 0.0
+        x[stage, i] = 0.0
     for p in range(s):
         held = gh * mechanism.stiffness[p] * scratch.base_twist[p] / (1.0 + gh * mechanism.leak[p])
         for i in range(n):
-            x[i] -= mechanism.spring_torque[p, i] * held
+            x[stage, i] -= mechanism.spring_torque[p, i] * held
     for c in range(m):
         if mode[c] == FORWARD or mode[c] == BACKWARD:
             capacity = loads.kinetic[0, c] + fraction * (loads.kinetic[1, c] - loads.kinetic[0, c])
-            torque[c] = mode[c] * capacity
+            torque[stage, c] = mode[c] * capacity
             for i in range(n):
-                x[i] -= gh * mechanism.contact[c, i] * torque[c]
+                x[stage, i] -= gh * mechanism.contact[c, i] * torque[stage, c]
         else:
-            torque[c] = 0.0
+            torque[stage, c] = 0.0
     a = scratch.matrix
     for i in range(1, size):
         for j in range(i):
-            x[i] -= a[i, j] * x[j]
+            x[stage, i] -= a[i, j] * x[stage, j]
     for i in range(size - 1, -1, -1):
         for j in range(i + 1, size):
-            x[i] -= a[i, j] * x[j]
-        x[i] /= a[i, i]
+            x[stage, i] -= a[i, j] * x[stage, j]
+        x[stage, i] /= a[i, i]
     border = n
     for c in range(m):
         if mode[c] == STUCK:
-            torque[c] = x[border] / gh
+            torque[stage, c] = x[stage, border] / gh
             border += 1
     for p in range(s):
         rate = 0.0
         for i in range(n):
-            rate += mechanism.spring_speed[p, i] * x[i]
-        twist[p] = (scratch.base_twist[p] + gh * rate) / (1.0 + gh * mechanism.leak[p])
+            rate += mechanism.spring_speed[p, i] * x[stage, i]
+        twist[stage, p] = (scratch.base_twist[p] + gh * rate) / (1.0 + gh * mechanism.leak[p])
 
 
-@compiled
+@compiled_without_allocation
 def _attempt(
     mechanism: Mechanism, motion: Motion, loads: Loads, start: float, h: float, whole: float, scratch: Scratch
 ) -> None:
@@ -150,7 +148,7 @@ def _attempt(
     _stage(mechanism, motion.mode, loads, h, (start + h) / whole, size, 1, scratch)
 
 
-@compiled
+@compiled_without_allocation
 def _slip(mechanism: Mechanism, speed: Floats, c: int) -> float:
     slip = 0.0
     for i in range(mechanism.mass.size):
@@ -158,7 +156,16 @@ def _slip(mechanism: Mechanism, speed: Floats, c: int) -> float:
     return slip
 
 
-@compiled
+@compiled_without_allocation
+def _slip_in(mechanism: Mechanism, scratch: Scratch, stage: int, c: int) -> float:
+    """Return the slip of contact ``c`` in a stage of the trial step."""
+    slip = 0.0
+    for i in range(mechanism.mass.size):
+        slip += mechanism.contact[c, i] * scratch.unknowns[stage, i]
+    return slip
+
+
+@compiled_without_allocation
 def _margin_after(
     mechanism: Mechanism, motion: Motion, loads: Loads, fraction: float, c: int, scratch: Scratch
 ) -> float:
@@ -166,10 +173,10 @@ def _margin_after(
     if motion.mode[c] == STUCK:
         static = loads.static[0, c] + fraction * (loads.static[1, c] - loads.static[0, c])
         return float(static - abs(scratch.torque[1, c]))
-    return float(motion.mode[c] * _slip(mechanism, scratch.unknowns[1], c))
+    return float(motion.mode[c] * _slip_in(mechanism, scratch, 1, c))
 
 
-@compiled
+@compiled_without_allocation
 def _margin_now(mechanism: Mechanism, motion: Motion, loads: Loads, fraction: float, c: int) -> float:
     """Return the same before the step, never negative."""
     if motion.mode[c] == STUCK:
@@ -178,7 +185,7 @@ def _margin_now(mechanism: Mechanism, motion: Motion, loads: Loads, fraction: fl
     return float(max(0.0, motion.mode[c] * _slip(mechanism, motion.speed, c)))
 
 
-@compiled
+@compiled_without_allocation
 def _accept(
     mechanism: Mechanism, motion: Motion, loads: Loads, start: float, h: float, whole: float, scratch: Scratch
 ) -> None:
@@ -187,16 +194,16 @@ def _accept(
     for stage in range(2):
         share = (1.0 - GAMMA if stage == 0 else GAMMA) * h
         fraction = (start + (GAMMA * h if stage == 0 else h)) / whole
-        w = scratch.unknowns[stage]
+        w = scratch.unknowns
         for i in range(n):
             force = loads.force[0, i] + fraction * (loads.force[1, i] - loads.force[0, i])
-            motion.work[i] += share * force * w[i]
+            motion.work[i] += share * force * w[stage, i]
         for p in range(s):
             rate = 0.0
             loaded = 0.0
             for i in range(n):
-                rate += mechanism.spring_speed[p, i] * w[i]
-                loaded += mechanism.spring_torque[p, i] * w[i]
+                rate += mechanism.spring_speed[p, i] * w[stage, i]
+                loaded += mechanism.spring_torque[p, i] * w[stage, i]
             elastic = mechanism.stiffness[p] * scratch.twist[stage, p]
             damped = mechanism.damping[p] * rate
             motion.spring_heat[p] += share * (
@@ -204,7 +211,7 @@ def _accept(
             )
             motion.gear_heat[p] += share * (elastic + damped) * (loaded - rate)
         for c in range(m):
-            motion.contact_heat[c] += share * scratch.torque[stage, c] * _slip(mechanism, w, c)
+            motion.contact_heat[c] += share * scratch.torque[stage, c] * _slip_in(mechanism, scratch, stage, c)
     for i in range(n):
         motion.speed[i] = scratch.unknowns[1, i]
     for p in range(s):
@@ -213,14 +220,11 @@ def _accept(
         motion.torque[c] = scratch.torque[1, c]
 
 
-@compiled
-def _settle(mechanism: Mechanism, motion: Motion, loads: Loads, fraction: float) -> None:
+@compiled_without_allocation
+def _settle(mechanism: Mechanism, motion: Motion, loads: Loads, fraction: float, scratch: Scratch) -> None:
     """Release, worst first, the stuck contacts that would have to carry more than their static capacity now."""
     n, s, m = mechanism.mass.size, mechanism.stiffness.size, motion.mode.size
-    net = np.empty(n)
-    small = np.empty((m, m))
-    torque = np.empty(m)
-    index = np.empty(m, np.int64)
+    net, small, torque, index = scratch.net, scratch.small, scratch.needed, scratch.stuck
     while True:
         stuck = 0
         for c in range(m):
@@ -278,7 +282,7 @@ def _settle(mechanism: Mechanism, motion: Motion, loads: Loads, fraction: float)
         motion.events[1] += 1
 
 
-@compiled
+@compiled_without_allocation
 def _locate(
     mechanism: Mechanism,
     motion: Motion,
@@ -317,7 +321,7 @@ def _locate(
     return high
 
 
-@compiled
+@compiled_without_allocation
 def _wake(mechanism: Mechanism, motion: Motion, loads: Loads) -> None:
     """Give every contact that gains or loses its capacity in this step the mode that goes with it."""
     for c in range(motion.mode.size):
@@ -330,7 +334,7 @@ def _wake(mechanism: Mechanism, motion: Motion, loads: Loads) -> None:
             motion.mode[c] = STUCK if slip == 0.0 else (FORWARD if slip > 0.0 else BACKWARD)
 
 
-@compiled
+@compiled_without_allocation
 def advance(mechanism: Mechanism, motion: Motion, loads: Loads, whole: float, scratch: Scratch) -> None:
     """Advance ``motion`` by ``whole`` seconds through every lock and release on the way.
 
@@ -343,7 +347,7 @@ def advance(mechanism: Mechanism, motion: Motion, loads: Loads, whole: float, sc
     """
     m = motion.mode.size
     _wake(mechanism, motion, loads)
-    _settle(mechanism, motion, loads, 0.0)
+    _settle(mechanism, motion, loads, 0.0, scratch)
     start = 0.0
     events = 0
     while start < whole:
@@ -375,4 +379,4 @@ def advance(mechanism: Mechanism, motion: Motion, loads: Loads, whole: float, sc
                 motion.mode[event] = STUCK
                 motion.events[0] += 1
                 if events < _MAX_EVENTS:
-                    _settle(mechanism, motion, loads, min(1.0, start / whole))
+                    _settle(mechanism, motion, loads, min(1.0, start / whole), scratch)

@@ -20,8 +20,10 @@ def conditional_integral(h, k, r):
     edges = sorted([h, *(x for x in steep if h < x < h + 20.0)])
     edges.append(max(edges[-1], 0.0) + 12.0)
 
-    def density(x):
-        return norm.pdf(x) * norm.cdf((r * x - k) / spread)
+    def density(x):  # φ and Φ of the standard library: those of scipy.stats take fifty times as long
+        return (
+            math.exp(-0.5 * x * x) / math.sqrt(math.tau) * 0.5 * math.erfc(-(r * x - k) / spread / math.sqrt(2.0))
+        )
 
     return sum(quad(density, a, b, epsabs=1e-14)[0] for a, b in pairwise(edges))
 

@@ -26,16 +26,22 @@ WRONG = {  # a car that is not the one of the vehicle file
 
 
 @cache
+def driven(car, drive, wrong):
+    """Return a `Car`, with signed speeds, and the truth of its drive."""
+    vehicle = config(car, True).settings.vehicle
+    plan = PAPER if drive == "paper" else MANOEUVRES[drive](vehicle)
+    true = varied(Car(vehicle, DEMO_POWERTRAIN, replace(PRODUCTION, seed=4), plan), WRONG[wrong])
+    return true, simulate(true.vehicle, true.drive, true.powertrain)
+
+
+@cache
 def smoothed(car, drive, wrong="", signed=True):
     """Return by torque the `Honesty` of the estimates online, and smoothed."""
     of = config(car, True)
-    vehicle = of.settings.vehicle
-    plan = PAPER if drive == "paper" else MANOEUVRES[drive](vehicle)
-    sensors = replace(PRODUCTION, seed=4, unsigned=frozenset() if signed else MAGNITUDES)
-    true = varied(Car(vehicle, DEMO_POWERTRAIN, sensors, plan), WRONG[wrong])
-    truth = simulate(true.vehicle, true.drive, true.powertrain)
+    true, truth = driven(car, drive, wrong)
+    sensors = replace(true.sensors, unsigned=frozenset() if signed else MAGNITUDES)
     chain = Chain(of, smooth=True)
-    online = chain.feed(emit_frames(truth, vehicle, true.sensors, of.database)).rows
+    online = chain.feed(emit_frames(truth, of.settings.vehicle, sensors, of.database)).rows
     return honesty(online, truth), honesty(chain.smoothed(), truth)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.config.load import load_config
 from dctorque_can.errors import DctorqueError
 from dctorque_can.estimators.methods import Method
@@ -78,11 +79,11 @@ class Truth:
         self.jerk = self.R @ self.rates / self.loss / self.J_v
 
     def torques(self, t):
-        T_1, T_2 = self.start + t * self.rates
+        T_1, T_2 = (start + t * rate for start, rate in zip(self.start, self.rates, strict=True))
         return T_1, T_2
 
     def at(self, t):
-        """Return the truth of every state the observer has, and the speeds, at ``t`` seconds."""
+        """Return the truth of every state the observer has, and the speeds, at ``t`` seconds, one or many."""
         T_1, T_2 = self.torques(t)
         d_a = self.rates[0] + self.R[1] / self.R[0] * self.rates[1]
         w_w = self.w_w0 + self.a_w * t + 0.5 * self.jerk * t * t
@@ -103,59 +104,75 @@ class Truth:
         }
 
 
+SEEN = ("T_c", "T_a", "T_n", "a_w", "tau_o", "T_c1_uio", "T_c2_uio", "T_c1", "T_c2")
+
+
+@compiled_without_allocation
+def observe(state, constants, pairs, T_en, step_us, times, kinds, periods, measured, seen):
+    """Feed frames to the functions; ``seen`` [frames, 9] becomes the state after each."""
+    s, c, pair, now = state[0], constants[0], pairs[0], 0
+    for n in range(len(times)):
+        gap = times[n] - now
+        while now < times[n]:
+            step = min(step_us, times[n] - now)
+            oh2014.predict(s, c, pair, T_en, step * 1e-6)
+            now += step
+        h = periods[kinds[n]] * 1e-6
+        if kinds[n] == 0:
+            oh2014.correct_engine(s, c, pair, True, True, measured[n, 0], h)
+        elif kinds[n] == 1:
+            oh2014.correct_shaft(s, c, pair, True, True, measured[n, 0], h)
+            rates = oh2014.shaft_torque_rates(c, pair, True, True, measured[n, 1], measured[n, 2], 0.0)
+            oh2014.add_shaft_torques(s, (h * rates[0], h * rates[1]))
+        else:
+            oh2014.correct_wheel(s, pair, measured[n, 0], h)
+        oh2014.settle(s, c, pair, True, True, gap * 1e-6)
+        seen[n, 0], seen[n, 1], seen[n, 2], seen[n, 3], seen[n, 4] = s.T_c, s.T_a, s.T_n, s.a_w, s.tau_o
+        seen[n, 5], seen[n, 6], seen[n, 7], seen[n, 8] = s.T_c1_uio, s.T_c2_uio, s.T_c1, s.T_c2
+
+
 def run(truth, settings, sensors, seconds, random, errors=()):
     """Feed the observer's functions; return (seconds, errors [n, 8] of `TORQUES`) after each first frame."""
-    c, pair, R = truth.c, truth.pair, truth.R
     record = np.zeros(1, oh2014.STATE)
     for name, value in truth.at(0.0).items():
         record[name] = value - dict(errors).get(name, 0.0)
     record["T_n"] = truth.T_n
-    s = record[0]
-    periods = (sensors.engine_period_us, sensors.shaft_period_us, sensors.wheel_period_us)
-    frames = sorted((t, k) for k, p in enumerate(periods) for t in range(p, round(seconds * 1e6) + 1, p))
-    now, noise_before = 0, np.zeros(2)
-    rows = []
-    for position, (t_us, k) in enumerate(frames):
-        gap = t_us - now
-        while now < t_us:
-            step = min(settings.step_us, t_us - now)
-            oh2014.predict(s, c, pair, truth.T_en, step * 1e-6)
-            now += step
-        true, h = truth.at(t_us * 1e-6), periods[k] * 1e-6
-        if k == 0:
-            w_e = true["w_e"] + sensors.engine_rad_s * random.standard_normal()
-            oh2014.correct_engine(s, c, pair, True, True, w_e, h)
-        elif k == 1:
-            noise = sensors.shaft_rad_s * random.standard_normal(2)
-            oh2014.correct_shaft(s, c, pair, True, True, true["w_s"] + noise[0], h)
-            demanded = twist_speeds(c, pair, truth.rates)
-            w_c1, w_c2 = demanded + 0.5 * (noise + noise_before)
-            rates = oh2014.shaft_torque_rates(c, pair, True, True, w_c1, w_c2, 0.0)
-            oh2014.add_shaft_torques(s, (h * rates[0], h * rates[1]))
-            noise_before = noise
-        else:
-            w_w = true["w_w"] + sensors.wheel_rad_s * random.standard_normal()
-            oh2014.correct_wheel(s, pair, w_w, h)
-        oh2014.settle(s, c, pair, True, True, gap * 1e-6)
-        if position == 0 or frames[position - 1][0] != t_us:
-            T_1, T_2 = true["T_c1"], true["T_c2"]
-            rows.append(
-                [
-                    t_us * 1e-6,
-                    T_1 + T_2 - record["T_c"][0],
-                    true["T_a"] - record["T_a"][0],
-                    truth.T_n
-                    + truth.J_v * true["a_w"]
-                    - (record["T_n"][0] + record["a_w"][0] * record["tau_o"][0]),
-                    (R @ [T_1, T_2] - R @ [record["T_c1"][0], record["T_c2"][0]]) / truth.loss,
-                    T_1 - record["T_c1_uio"][0],
-                    T_2 - record["T_c2_uio"][0],
-                    T_1 - record["T_c1"][0],
-                    T_2 - record["T_c2"][0],
-                ]
-            )
-    table = np.array(rows)
-    return table[:, 0], table[:, 1:]
+    periods = np.array([sensors.engine_period_us, sensors.shaft_period_us, sensors.wheel_period_us])
+    end = round(seconds * 1e6)
+    frames = np.array(sorted((t, k) for k, p in enumerate(periods) for t in range(p, end + 1, p)))
+    times, kinds = frames.T.copy()
+    engine, shaft, wheel = (kinds == k for k in range(3))
+    place = np.cumsum(1 + shaft) - 1  # of the last number that a frame needs: both shafts have one each
+    drawn = random.standard_normal(place[-1] + 1)
+    noise = np.stack([drawn[place - shaft], drawn[place]], axis=1)
+    true = truth.at(times * 1e-6)
+    measured = np.zeros((len(frames), 3))
+    measured[engine, 0] = (true["w_e"] + sensors.engine_rad_s * noise[:, 0])[engine]
+    measured[wheel, 0] = (true["w_w"] + sensors.wheel_rad_s * noise[:, 0])[wheel]
+    measured[shaft, 0] = (true["w_s"] + sensors.shaft_rad_s * noise[:, 0])[shaft]
+    both = sensors.shaft_rad_s * noise[shaft]
+    demanded = twist_speeds(truth.c, truth.pair, truth.rates)
+    measured[shaft, 1:] = demanded + 0.5 * (both + np.vstack([np.zeros((1, 2)), both[:-1]]))
+    seen = np.zeros((len(frames), len(SEEN)))
+    arrays = (np.atleast_1d(truth.c), np.atleast_1d(truth.pair))
+    observe(record, *arrays, truth.T_en, settings.step_us, times, kinds, periods, measured, seen)
+    first = np.diff(times, prepend=-1) > 0
+    s, t = (
+        dict(zip(SEEN, seen[first].T, strict=True)),
+        {name: np.broadcast_to(value, times.shape)[first] for name, value in true.items()},
+    )
+    T_1, T_2 = t["T_c1"], t["T_c2"]
+    table = [
+        T_1 + T_2 - s["T_c"],
+        t["T_a"] - s["T_a"],
+        truth.T_n + truth.J_v * t["a_w"] - (s["T_n"] + s["a_w"] * s["tau_o"]),
+        (truth.R[0] * (T_1 - s["T_c1"]) + truth.R[1] * (T_2 - s["T_c2"])) / truth.loss,
+        T_1 - s["T_c1_uio"],
+        T_2 - s["T_c2_uio"],
+        T_1 - s["T_c1"],
+        T_2 - s["T_c2"],
+    ]
+    return times[first] * 1e-6, np.array(table).T
 
 
 def twist_speeds(c, pair, rates):
