@@ -24,6 +24,7 @@ from dctorque_can.logs.mcap.recover import Recovery, recover
 _END = b"\x89MCAP0\r\n"
 _PART = ".part"
 _PATIENCE_S = 10.0
+_RETRY_S = 10.0  # after a process that could not be started
 
 
 class LogRecovery:
@@ -39,6 +40,7 @@ class LogRecovery:
         self._cut: dict[str, int] = {}
         self._process: subprocess.Popen[bytes] | None = None
         self._told = b""
+        self._again_s = 0.0
 
     def begin(self, but: Sequence[Path]) -> None:
         """Close every torn log of the folder but those of this run: of these the service knows where they end."""
@@ -56,8 +58,14 @@ class LogRecovery:
     def news(self) -> Iterator[tuple[Path | None, bool, str]]:
         """Yield what happened: a log that is whole again or None, is an error, text."""
         if self._process is None:
-            if self._wanted:
-                self._start(*self._wanted.pop(0))
+            if self._wanted and time.monotonic() >= self._again_s:
+                try:
+                    self._start(*self._wanted[0])
+                except OSError as error:  # no memory, no process more
+                    self._again_s = time.monotonic() + _RETRY_S
+                    yield None, True, f"torn logs cannot be closed yet: {error.strerror}"
+                else:
+                    del self._wanted[0]
             return
         assert self._process.stdout is not None
         ended = self._process.poll() is not None
@@ -83,7 +91,6 @@ class LogRecovery:
             self._process = None
 
     def _start(self, cut: dict[str, int], but: list[str]) -> None:
-        self._cut = cut
         folder = {"directory": str(self._folder.directory), "vehicle": self._folder.vehicle}
         words = json.dumps({**folder, "stem": self._folder.stem, "cut": cut, "but": but})
         self._process = subprocess.Popen(
@@ -91,6 +98,7 @@ class LogRecovery:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
         )
+        self._cut = cut
         assert self._process.stdout is not None
         os.set_blocking(self._process.stdout.fileno(), False)
 

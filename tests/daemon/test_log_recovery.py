@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
+import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from dctorque_can.daemon import log_recovery
 from dctorque_can.daemon.log_plan import LogFolder
 from dctorque_can.daemon.log_quota import mark
 from dctorque_can.daemon.log_recovery import LogRecovery, finalise, finalise_all
@@ -177,3 +181,29 @@ def test_logs_of_this_run_are_left_to_the_service(tmp_path: Path) -> None:
     path.write_bytes(torn)
     assert list(finalise_all(folder(tmp_path), {}, [str(path)])) == []
     assert path.read_bytes() == torn
+
+
+def test_a_process_that_cannot_be_started_is_told_and_started_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / NAME
+    ends = write(path)
+    path.write_bytes(path.read_bytes()[: ends[2] + 9])
+    started, failures = subprocess.Popen, iter([OSError(errno.EAGAIN, "Resource temporarily unavailable")])
+
+    def start(*arguments: Any, **options: Any) -> object:
+        if error := next(failures, None):
+            raise error
+        return started(*arguments, **options)
+
+    monkeypatch.setattr(log_recovery.subprocess, "Popen", start)
+    monkeypatch.setattr(log_recovery, "_RETRY_S", 0.0)
+    recovery = LogRecovery(folder(tmp_path))
+    recovery.begin([])
+    told: list[tuple[Path | None, bool, str]] = []
+    while len(told) < 2:
+        told += recovery.news()
+        time.sleep(0.01)
+    recovery.end()
+    assert told[0] == (None, True, "torn logs cannot be closed yet: Resource temporarily unavailable")
+    assert told[1][0] == path

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -113,15 +114,16 @@ def test_a_log_writer_that_cannot_be_started_is_told_and_tried_again(
     started = subprocess.Popen
     failures = iter([OSError(errno.EAGAIN, "Resource temporarily unavailable")] * 2)
 
-    def start(*arguments: object, **options: object) -> object:
-        if (error := next(failures, None)) is not None:
+    def start(*arguments: Any, **options: Any) -> object:
+        if "dctorque_can.daemon.log_worker" in arguments[0] and (error := next(failures, None)):
             raise error
-        return started(*arguments, **options)  # type: ignore[call-overload]
+        return started(*arguments, **options)
 
     monkeypatch.setattr(log_process.subprocess, "Popen", start)
     process = LogProcess(plan_for(config, folder / "x.mcap"), config.documents)
     process.open(needed=False)
     process.hand_over(frames_message(Frames.empty(7)), 7)
+    process.flush()
     while process.counts.written < 7:
         process.pump()
         time.sleep(0.01)

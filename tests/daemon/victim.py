@@ -55,8 +55,8 @@ class Watched(Service):
 
     received_by: np.memmap
 
-    def _take(self, frames: Frames) -> None:
-        super()._take(frames)
+    def _take(self, frames: Frames, late: bool = False) -> None:
+        super()._take(frames, late)
         numbered = np.flatnonzero(frames.can_id == NUMBERED)
         if len(numbered):
             last = frames.data[numbered[-1], :8].copy().view("<u8")[0]

@@ -31,6 +31,7 @@ from dctorque_can.estimators.kalman.model import (
     LAG_2,
     LATE,
     R_1,
+    RATIO_1,
     SCALE,
     STEPS_US,
     T_C1,
@@ -209,6 +210,7 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.P[SCALE, SCALE] = tuning.scale_error**2
     for i in range(2):
         f.ratio[i] = tuning.ratio[i, f.gear[i] + 1]
+        f.P[RATIO_1 + i, RATIO_1 + i] = tuning.ratio_error**2 if f.gear[i] != 0 else 0.0
     f.lagged[0] = f.lagged[1] = T_en
     for m in range(3):
         f.per_error[m] = 0.0
