@@ -16,7 +16,8 @@ from dctorque_can.simulation.sensors import PRODUCTION, Noise, emit_frames
 
 from .drives import SIGNED
 
-CONFIG = load_config(shipped_config("paper_car"), {"estimator.method": "kalman"})
+RATIOS = {"estimator.kalman.ratio_error_share": "0.0003"}  # those of the car are the file's: it is about noise
+CONFIG = load_config(shipped_config("paper_car"), {"estimator.method": "kalman", **RATIOS})
 TOLD = PRODUCTION.noise
 NOISY = Noise(0.3, 0.3, 0.06, TOLD.engine_torque_nm, TOLD.clutch_position_mm)
 

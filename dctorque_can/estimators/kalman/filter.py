@@ -211,6 +211,8 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     for i in range(2):
         f.ratio[i] = tuning.ratio[i, f.gear[i] + 1]
         f.P[RATIO_1 + i, RATIO_1 + i] = tuning.ratio_error**2 if f.gear[i] != 0 else 0.0
+    for g in range(GEARS):
+        f.ratio_known[g] = False
     f.lagged[0] = f.lagged[1] = T_en
     for m in range(3):
         f.per_error[m] = 0.0

@@ -28,13 +28,13 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
-from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, losses, one_gear, ratios
+from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, losses, one_gear
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
 from dctorque_can.estimators.kalman.filter import Kalman, measure
 from dctorque_can.estimators.kalman.learning import noise_factor
-from dctorque_can.estimators.kalman.model import DT_E, GAIN, LATE, SCALE, T_C1, W_B, W_C1, W_D, W_E, W_W, N
+from dctorque_can.estimators.kalman.model import DT_E, GAIN, LATE, T_C1, W_B, W_C1, W_D, W_E, W_W, N
 from dctorque_can.estimators.kalman.noise import engine_variance
 from dctorque_can.estimators.kalman.thresholds import BRIDGED_US, FASTEST_WHEEL, FIRES, IMPLAUSIBLE_TORQUE
 from dctorque_can.estimators.kalman.tuning import SLIDING
@@ -65,7 +65,6 @@ def start(k: Kalman, answer: Any) -> None:
     f = k.state[0]
     kalman.start(f, k.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
     f.running = False
-    f.gear[0] = f.gear[1] = 0  # of what was in nothing is known any more (`ratios.remember`)
     f.w_c[0] = f.w_c[1] = 0.0
     give_answer(k, answer)
 
@@ -197,28 +196,16 @@ def give_answer(k: Kalman, answer: Any) -> None:
 
 @compiled_without_allocation
 def begin(inputs: Any, k: Kalman) -> None:
-    """Start at the present measurements; a shaft without a speed turns with the wheels.
-
-    What was learned of the speeds before still holds.
-    """
+    """Start at the present measurements; a shaft without a speed turns with the wheels."""
     f, tuning = k.state[0], k.tuning[0]
     f.t_us = inputs.t_us
-    again, scale, scale_variance = bool(f.started), f.x[SCALE], f.P[SCALE, SCALE]
-    late, late_variance = f.x[LATE], f.P[LATE, LATE]
-    for i in range(2):
-        if again:
-            ratios.remember(f, i)
-        f.gear[i] = inputs.gear[i]
+    f.gear[0], f.gear[1] = inputs.gear[0], inputs.gear[1]
     f.heading = inputs.heading
     _, w_w, _, _, _ = wheel_speeds(inputs)
     w_1 = shaft_speed(inputs, tuning, 0, w_w)
     w_2 = shaft_speed(inputs, tuning, 1, w_w)
     kalman.start(f, tuning, inputs.value[ENGINE_SPEED], w_1, w_2, w_w, inputs.value[ENGINE_TORQUE])
-    if again:
-        kalman.forget(f, SCALE, scale, scale_variance)
-        kalman.forget(f, LATE, late, late_variance)
     for i in range(2):
-        ratios.recall(f, tuning, i)
         if not inputs.mapped[SPEED_1 + i] and inputs.gear[i] == 0:
             kalman.forget(f, W_C1 + i, inputs.value[ENGINE_SPEED], 1e4)
 

@@ -89,13 +89,14 @@ def test_what_is_no_number_is_not_kept(running):
 
 
 def test_of_a_state_that_was_no_number_nothing_is_kept():
-    """A new start after it knows nothing of the gear that was in, which is not to be surer than the file."""
     k = kalman.new(VEHICLE, DESIGN)
     f, tuning = k.state[0], k.tuning[0]
     kalman.start(f, tuning, 150.0, 150.0, 150.0, 20.0, 50.0)
     gearbox.engage(f, tuning, 0, 3)
     f["x"][:] = np.nan
+    gearbox.engage(f, tuning, 0, 5)
     frame.start(k, np.zeros(1, ANSWER)[0])
+    assert not f["ratio_known"].any()
     gearbox.engage(f, tuning, 0, 3)
     assert f["P"][RATIO_1, RATIO_1] == pytest.approx(DESIGN.ratio_error_share**2)
 
