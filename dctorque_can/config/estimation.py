@@ -216,7 +216,7 @@ class KalmanSection(Section):
     """Noise of one sample of one wheel speed, rad/s."""
     wheel_scale_error_share: Annotated[float, Field(ge=0, le=0.2)] = 0.005
     """By how much the wheel speeds may lastingly be too large, or too small, for the ratios, as a share."""
-    ratio_error_share: Annotated[float, Field(ge=0, le=0.1)] = 0.002
+    ratio_error_share: Annotated[float, Field(ge=0, le=0.1)] = 0.001
     """By how much the ratio of each gear may be another one, as a share, before it has been in."""
     delay_error_ms: Annotated[float, Field(ge=0, le=200)] = 3.0
     """By how much wheel speeds may lastingly come later, or sooner, than told, against those of the shafts, ms."""
