@@ -53,6 +53,8 @@ def open_bus(arguments: Mapping[str, Any], listen_only: bool = False) -> can.Bus
     try:
         if interface == "socketcand":
             _probe(arguments)
+        if interface == "socketcan" and str(channel) not in {name for _, name in socket.if_nameindex()}:
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))  # python-can would leave its socket open
         bus = can.Bus(**arguments)
     except Exception as error:  # an interface may raise whatever its driver raises
         raise BusError(
