@@ -310,9 +310,11 @@ class LogProcess:
         self.counts.dropped += lost
         self._size = int(report["size"])
         if number != self._opening:  # more than a log that can be begun
-            self._deaths, self._pause_s = 0, RETRY_S
+            self._deaths = 0
         if number == self._rotation:
             self._rotation = 0
+        elif self._opened_s is not None:  # and one that can be written
+            self._pause_s = RETRY_S
         age_s = report.get("age_s")
         if age_s is not None:
             self.counts.slowest_flush_ms = max(self.counts.slowest_flush_ms, round(1000 * age_s, 1))

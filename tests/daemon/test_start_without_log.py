@@ -99,6 +99,30 @@ def test_a_slow_disk_is_told_and_not_waited_for(
     process.close()
 
 
+def test_it_is_tried_less_and_less_often(without: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_process, "RETRY_S", 0.01)
+    monkeypatch.setattr(log_process, "LONGEST_RETRY_S", 0.04)
+    pauses: list[float] = []
+    monkeypatch.setattr(LogProcess, "_failed", watched(LogProcess._failed, pauses))
+    process = LogProcess(plan_for(without), without.documents)
+    process.open(needed=False)
+    while len(pauses) < 4:
+        if process.wants_new(time.monotonic()):
+            process.rotate()
+        process.pump()
+        time.sleep(0.005)
+    process.close()
+    assert pauses[:4] == [0.01, 0.02, 0.04, 0.04]
+
+
+def watched(failed: Callable[[LogProcess, str], None], pauses: list[float]) -> Callable[[LogProcess, str], None]:
+    def note(process: LogProcess, reason: str) -> None:
+        pauses.append(process._pause_s)
+        failed(process, reason)
+
+    return note
+
+
 def test_nobody_waits_for_a_log_of_a_service_that_is_stopped(config: Config, folder: Path) -> None:
     process = LogProcess(plan_for(config, folder / "x.mcap"), config.documents)
     process.open(given_up=lambda: True)

@@ -101,6 +101,18 @@ def test_a_delay_beyond_what_can_be_made_up_for_takes_validity_away(drive):
     assert not np.any(late["status"] & (Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID))
 
 
+def test_a_gap_does_not_make_a_wrong_file_sure_again(drive):
+    """A second without frames every 20 s: each new start would take the ratio, and the delay, for torque."""
+    truth, frames = drive
+    heard = frames[(frames.t_us - frames.t_us[0]) % 20_000_000 > 1_000_000]
+    rows, _, _ = replayed((truth, heard), ONE_RATIO)
+    assert max(wrong_ms(rows, truth).values()) <= 10.0
+    rows, _, health = replayed((truth, heard), MUCH_LATER)
+    assert health["gap_resets"][0] > 5
+    late = rows[rows["t_us"] > rows["t_us"][-1] - 60_000_000]
+    assert not np.any(late["status"] & (Status.CLUTCH1_VALID | Status.CLUTCH2_VALID | Status.OUTPUT_VALID))
+
+
 def test_what_is_known_exactly_is_not_learned(drive):
     keys = ("wheel_scale_error_share", "ratio_error_share", "delay_error_ms")
     _, _, health = replayed(drive, {f"estimator.kalman.{key}": "0" for key in keys})

@@ -57,6 +57,7 @@ from dctorque_can.estimators.kalman.noise import (
     process_noise,
 )
 from dctorque_can.estimators.kalman.seen import seen, value, variance
+from dctorque_can.estimators.kalman.thresholds import PLAINLY
 from dctorque_can.estimators.kalman.tuning import SPEEDS
 
 FINEST_US = STEPS_US[-1]
@@ -185,8 +186,14 @@ def new(vehicle: Vehicle, design: KalmanDesign) -> Kalman:
 
 @compiled_without_allocation
 def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T_en: float) -> None:
-    """Start at the measured speeds; the torques are unknown."""
+    """Start at the measured speeds; the torques are unknown.
+
+    A delay or a ratio that was found plainly wrong stays so: until it were found again it would be a torque.
+    """
     tape.started(f.tape)
+    late, late_variance = 0.0, tuning.delay_error**2
+    if f.started and abs(f.x[LATE]) > PLAINLY * tuning.delay_error:
+        late, late_variance = f.x[LATE], f.P[LATE, LATE]
     for i in range(N):
         f.x[i] = 0.0
         for j in range(N):
@@ -206,13 +213,13 @@ def start(f: Any, tuning: Any, w_e: float, w_1: float, w_2: float, w_w: float, T
     f.P[DT_E, DT_E] = engine_variance(tuning, T_en)
     f.P[GAIN, GAIN] = tuning.gain_error**2
     f.P[LAG_1, LAG_1] = f.P[LAG_2, LAG_2] = tuning.lag_error**2
-    f.P[LATE, LATE] = tuning.delay_error**2
+    f.x[LATE], f.P[LATE, LATE] = late, late_variance
     f.P[SCALE, SCALE] = tuning.scale_error**2
     for i in range(2):
         f.ratio[i] = tuning.ratio[i, f.gear[i] + 1]
         f.P[RATIO_1 + i, RATIO_1 + i] = tuning.ratio_error**2 if f.gear[i] != 0 else 0.0
     for g in range(GEARS):
-        f.ratio_known[g] = False
+        f.ratio_known[g] &= abs(f.ratio_mean[g]) > PLAINLY * tuning.ratio_error
     f.lagged[0] = f.lagged[1] = T_en
     for m in range(3):
         f.per_error[m] = 0.0

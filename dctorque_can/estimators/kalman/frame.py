@@ -28,7 +28,7 @@ from dctorque_can.estimators.inputs import (
     usable,
     wheel_speeds,
 )
-from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, losses, one_gear
+from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hints, losses, one_gear, ratios
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
@@ -63,6 +63,7 @@ def new(vehicle: Vehicle, design: KalmanDesign) -> Kalman:
 def start(k: Kalman, answer: Any) -> None:
     """Become as new; what is published next must be a number again."""
     f = k.state[0]
+    f.gear[0] = f.gear[1] = 0
     kalman.start(f, k.tuning[0], 0.0, 0.0, 0.0, 0.0, 0.0)
     f.running = False
     f.w_c[0] = f.w_c[1] = 0.0
@@ -199,13 +200,16 @@ def begin(inputs: Any, k: Kalman) -> None:
     """Start at the present measurements; a shaft without a speed turns with the wheels."""
     f, tuning = k.state[0], k.tuning[0]
     f.t_us = inputs.t_us
-    f.gear[0], f.gear[1] = inputs.gear[0], inputs.gear[1]
+    for i in range(2):
+        ratios.remember(f, i)
+        f.gear[i] = inputs.gear[i]
     f.heading = inputs.heading
     _, w_w, _, _, _ = wheel_speeds(inputs)
     w_1 = shaft_speed(inputs, tuning, 0, w_w)
     w_2 = shaft_speed(inputs, tuning, 1, w_w)
     kalman.start(f, tuning, inputs.value[ENGINE_SPEED], w_1, w_2, w_w, inputs.value[ENGINE_TORQUE])
     for i in range(2):
+        ratios.recall(f, tuning, i)
         if not inputs.mapped[SPEED_1 + i] and inputs.gear[i] == 0:
             kalman.forget(f, W_C1 + i, inputs.value[ENGINE_SPEED], 1e4)
 

@@ -17,6 +17,11 @@ SETTLING_US = 250_000
 BRIDGED_US = 500_000
 """For so long the model stands in for an input that is missing: what a gearbox does in a shift takes as long."""
 
+# --- what was learned of the speeds ---
+PLAINLY = 4.0
+"""Standard deviations that the vehicle file allows, by which a ratio or the delay of the wheels is plainly another
+one: that still holds when the filter starts anew."""
+
 # --- sensors at fault (Status, `faults.SensorFault`) ---
 FASTEST_WHEEL = 200.0
 """rad/s² that the driven wheels can have: on ice, or locked by brakes."""

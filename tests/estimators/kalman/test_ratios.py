@@ -6,7 +6,7 @@ import pytest
 from dctorque_can.estimators.contract import ANSWER
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman import frame, gearbox, ratios
-from dctorque_can.estimators.kalman.model import RATIO_1, RATIO_2, SCALE
+from dctorque_can.estimators.kalman.model import LATE, RATIO_1, RATIO_2, SCALE
 from dctorque_can.pipeline.estimates import HEALTH
 
 from .test_filter import DESIGN, VEHICLE
@@ -99,6 +99,25 @@ def test_of_a_state_that_was_no_number_nothing_is_kept():
     assert not f["ratio_known"].any()
     gearbox.engage(f, tuning, 0, 3)
     assert f["P"][RATIO_1, RATIO_1] == pytest.approx(DESIGN.ratio_error_share**2)
+
+
+def test_a_new_start_keeps_what_is_plainly_wrong(running):
+    """A ratio by 2 % and a delay of 40 ms; not the ratio that is as right as the file allows."""
+    f, tuning = running
+    gearbox.engage(f, tuning, 0, 3)
+    gearbox.engage(f, tuning, 1, 2)
+    sum_known(f, RATIO_1, 0.02)
+    f["x"][RATIO_2], f["x"][LATE], f["P"][LATE, LATE] = 0.001, 0.04, 1e-6
+    gearbox.engage(f, tuning, 0, 0)
+    gearbox.engage(f, tuning, 1, 0)
+    kalman.start(f, tuning, 150.0, 150.0, 150.0, 20.0, 50.0)
+    assert list(np.flatnonzero(f["ratio_known"])) == [4]
+    assert (f["x"][LATE], f["P"][LATE, LATE]) == (0.04, 1e-6)
+    gearbox.engage(f, tuning, 0, 3)
+    assert f["x"][RATIO_1] + f["x"][SCALE] == pytest.approx(0.02, rel=0.05)
+    f["x"][LATE] = 0.01
+    kalman.start(f, tuning, 150.0, 150.0, 150.0, 20.0, 50.0)
+    assert (f["x"][LATE], f["P"][LATE, LATE]) == (0.0, DESIGN.delay_error_s**2)
 
 
 def health_of(f):
