@@ -15,6 +15,17 @@ from dctorque_can.pipeline.samples import Input, Quantity
 from dctorque_can.plausibility.findings import key_of, sentences
 
 _COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
+FAULTS = (
+    "not_available",
+    "out_of_range",
+    "bad_length",
+    "bad_crc",
+    "bad_counter",
+    "not_believed",
+    "bad_rate",
+    "timeouts",
+)
+"""Why samples were not used, as fields of `HEALTH`, and how often inputs went stale."""
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
 _OF_SPEEDS = (
     "wheel_scale_error",
@@ -28,7 +39,7 @@ def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     """Return what a `HEALTH` record ``[1]`` has counted, and what was learned and found."""
     record = health[0]
     counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
-    for fault in ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts"):
+    for fault in FAULTS:
         counts[fault] = {q.name.lower(): int(record[fault][q]) for q in Quantity if record[fault][q]}
     sensors = nis(health)
     counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dctorque_can.analysis.health import health_counts, never_received
+from dctorque_can.analysis.message_faults import message_faults
 from dctorque_can.analysis.origins import OriginWatch
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.analysis.traffic import MappedMessage
@@ -23,6 +24,7 @@ from dctorque_can.chain import Chain
 from dctorque_can.config.edges import CanSection
 from dctorque_can.config.load import Config
 from dctorque_can.daemon import socketcan
+from dctorque_can.daemon.belief_watch import BeliefWatch
 from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
@@ -104,6 +106,7 @@ class Service:
         self._publisher = self._make_publisher()
         self._clock = ClockWatch(config.settings.max_step_back_us, self._tell)
         self._stalls = StallWatch(self._tell)
+        self._beliefs = BeliefWatch(*self._chain.messages, self._tell)
         self._systemd = Systemd()
         self._stop = False
         self.compiling = False
@@ -224,6 +227,7 @@ class Service:
         if self._watches_origins and self._origins.take(frames) and self._origins_due_s is None:
             self._origins_due_s = now_s + ORIGINS_S
         estimates = self._chain.feed(frames)
+        self._beliefs.look()
         if len(estimates):
             self._status.count(estimates.rows["t_us"], estimates.rows["status"])
             if self._transmission is not None:
@@ -361,5 +365,6 @@ class Service:
             ],
             log=self._log.counts if self._log is not None else None,
             health=health_counts(self._chain.health),
+            messages=message_faults(*self._chain.messages),
             clutch_map=self._maps.as_json(),
         )

@@ -35,6 +35,7 @@ class Summary:
         buses: each bus: its name, the number of its channel, whether it was open at the end, its counters.
         log: counters of the log, or None without one.
         health: counters of the estimator, see `health_counts`.
+        messages: what was wrong with the frames of each message, see `message_faults`.
         clutch_map: what was learned of the clutches by the end, None when they are not learned.
     """
 
@@ -57,6 +58,7 @@ class Summary:
     buses: list[dict[str, Any]]
     log: LogCounts | None
     health: dict[str, Any]
+    messages: dict[str, dict[str, Any]]
     clutch_map: dict[str, Any] | None = None
 
     @property
