@@ -1,6 +1,8 @@
 """``tools/soak``: traffic that repeats itself, an account that finds what is missing, verdicts that can fail."""
 
 import importlib
+import socket
+import struct
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
@@ -295,3 +297,48 @@ def test_frames_go_through_the_loopback_bus_both_ways(soaking, drive, tmp_path, 
     assert [bytes(message.data) for message in messages] == [record.tobytes() for record in passed["data"][:300]]
     assert [message.arbitration_id for message in messages] == passed["can_id"][:300].tolist()
     assert bus.all_heard()["data"][:, 0].tolist() == [0, 3]
+
+
+class PairedSocket:
+    """Stands for a raw CAN socket: one end of a pair of datagram sockets."""
+
+    def __init__(self, end):
+        self._end = end
+
+    def __getattr__(self, name):
+        return getattr(self._end, name)
+
+    def bind(self, address):
+        self.bound = address
+
+    def setsockopt(self, *option):
+        pass
+
+
+def test_frames_of_a_can_socket(soaking, drive, tmp_path, monkeypatch):
+    """Frames as the kernel has them, both ways; of those that a full queue does not take, none is passed."""
+    vcan = soaking("vcan")
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+    monkeypatch.setattr(vcan.socket, "AF_CAN", -1, raising=False)
+    monkeypatch.setattr(vcan.socket, "CAN_RAW", -1, raising=False)
+    monkeypatch.setattr(vcan.socket, "socket", lambda *kind: PairedSocket(ours))
+    traffic = soaking("traffic").Traffic(drive, RATE_HZ, 1)
+    bus = vcan.Vcan(traffic, tmp_path, 0x6F0, MASK, "vcan7")
+    frame = struct.Struct("=IB3x8s")
+    theirs.send(frame.pack(0x6F0, 8, b"\x03" + bytes(7)))
+    theirs.send(frame.pack(0x6F1, 2, b"\x01\x02"))
+    bus.start()
+    while bus.passed < 20 or bus.untaken == 0:  # nobody reads until the queue is full
+        bus.check()
+    bus.stop()
+    sent = [theirs.recv(16) for _ in range(bus.passed)]
+    passed = bus.all_passed()
+    assert bus.connection() == ["-i", "socketcan", "--channel", "vcan7"]
+    assert [frame.unpack(content) for content in sent] == [
+        (record["can_id"], record["length"], record["data"].tobytes()) for record in passed
+    ]
+    heard = bus.all_heard()
+    assert heard["can_id"].tolist() == [0x6F0, 0x6F1]
+    assert heard["data"][1].tolist() == [1, 2, 0, 0, 0, 0, 0, 0]
+    assert bus.valid_s > 0.0
+    theirs.close()
