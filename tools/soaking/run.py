@@ -15,7 +15,7 @@ SAMPLE_S = 2.0
 RECOVERY_S = 120.0
 SHORT_MINUTES, WITH_A_CALM_HALF_MINUTES = 3.0, 10.0
 DISK = ("disk full", "slow disk")
-IN_ORDER = "restart in order"
+IN_ORDER, KILLED_WRITER = "restart in order", "kill -9 of the log process"
 
 
 @dataclass
@@ -91,17 +91,25 @@ class Run:
         self.service.terminate()
 
     def kill(self, kinds: Mapping[str, Fault], count: int) -> None:
-        """Do each kind of kill so often, at moments of chance."""
+        """Do each kind of kill so often, at moments of chance while a log is written."""
         chance = Random(self.seed)
         stage = Stage(self.bus, self.service, chance, self.wait)
         names = [name for name in kinds for _ in range(count)]
         chance.shuffle(names)
         self._begin()
         for name in names:
-            self.wait(chance.uniform(0.5, 3.0))
+            self._wait_for_a_log()
+            self.wait(chance.uniform(0.0, 3.0))
             self._do(stage, name, kinds[name])
         self.wait(1.0)
         self.service.terminate()
+
+    def _wait_for_a_log(self) -> None:
+        """Wait until the service has a log; after the end of a log process, a new one."""
+        life, limit_s = self.service.life, time.monotonic() + RECOVERY_S
+        killed = sum(event.name == KILLED_WRITER and event.life == life.number for event in self.events)
+        while len(life.was_told("logging to")) <= killed and time.monotonic() < limit_s:
+            self.wait(0.05)
 
     def wait(self, seconds: float) -> None:
         """Wait, and look after memory and crashes meanwhile."""

@@ -67,13 +67,13 @@ class Life:
 
 @dataclass(frozen=True)
 class Sample:
-    """What a process needs at one time: kB of memory, open files."""
+    """What a process needs at one time: kB of memory of its own, as files come and go, and open files."""
 
     at_s: float
     life: int
     pid: int
     role: str
-    rss_kb: int
+    own_kb: int
     files: int
 
 
@@ -164,7 +164,7 @@ class ServiceProcess:
         named = [("service", self.life.pid), *(("log process", pid) for pid in self.writers())]
         for role, pid in named:
             try:
-                words = Path(f"/proc/{pid}/status").read_text().split("VmRSS:")[1].split()
+                words = Path(f"/proc/{pid}/status").read_text().split("RssAnon:")[1].split()
                 files = len(os.listdir(f"/proc/{pid}/fd"))  # noqa: PTH208  no path of these is wanted
             except (OSError, IndexError):  # it has just ended
                 continue

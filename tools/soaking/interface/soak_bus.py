@@ -36,7 +36,8 @@ class SoakBus(can.BusABC):
             self._socket.close()
             raise
         with Path(f"{channel}.fetched").open("r+b") as file:
-            self._fetched = memoryview(mmap.mmap(file.fileno(), FETCHED_BYTES)).cast("q")
+            self._file = mmap.mmap(file.fileno(), FETCHED_BYTES)
+        self._fetched = memoryview(self._file).cast("q")
         self._waiting: deque[tuple[Any, ...]] = deque()
         self._torn = b""
         self.channel_info = f"soak:{Path(channel).name}"
@@ -72,5 +73,9 @@ class SoakBus(can.BusABC):
         return self._socket.fileno()
 
     def shutdown(self) -> None:
+        if self._is_shutdown:
+            return
         super().shutdown()
         self._socket.close()
+        self._fetched.release()
+        self._file.close()  # it has a descriptor of its own
