@@ -15,6 +15,7 @@ SAMPLE_S = 2.0
 RECOVERY_S = 120.0
 SHORT_MINUTES, WITH_A_CALM_HALF_MINUTES = 3.0, 10.0
 DISK = ("disk full", "slow disk")
+CAUGHT_UP_S = 3.0
 IN_ORDER, KILLED_WRITER = "restart in order", "kill -9 of the log process"
 
 
@@ -99,17 +100,21 @@ class Run:
         self._begin()
         for name in names:
             self._wait_for_a_log()
-            self.wait(chance.uniform(0.0, 3.0))
+            self.wait(chance.uniform(0.2, 3.0))
             self._do(stage, name, kinds[name])
         self.wait(1.0)
         self.service.terminate()
 
     def _wait_for_a_log(self) -> None:
-        """Wait until the service has a log; after the end of a log process, a new one."""
+        """Wait until the service has a log, a new one after the end of a log process, and has caught up with it.
+
+        What came while a log process started is still on its way to it in the first seconds.
+        """
         life, limit_s = self.service.life, time.monotonic() + RECOVERY_S
         killed = sum(event.name == KILLED_WRITER and event.life == life.number for event in self.events)
         while len(life.was_told("logging to")) <= killed and time.monotonic() < limit_s:
             self.wait(0.05)
+        self.wait(CAUGHT_UP_S)
 
     def wait(self, seconds: float) -> None:
         """Wait, and look after memory and crashes meanwhile."""
@@ -132,6 +137,8 @@ class Run:
         if self._drops and name in ENDING and name != IN_ORDER:  # only an orderly end tells how much was dropped
             self._do(stage, IN_ORDER, ENDING[IN_ORDER])
         self._drops = (self._drops or name in DISK) and name != IN_ORDER
+        if name in KILLS:
+            self._wait_for_a_log()
         began_s, first, life = time.monotonic(), self.bus.passed, self.service.life.number
         event = Event(name, life, began_s, began_s, first, first)
         event.detail = fault(stage)
