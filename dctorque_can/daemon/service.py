@@ -175,6 +175,8 @@ class Service:
             frames = self._links.receive(0.0)
             if len(frames):
                 self._take(frames, late=True)
+                if self._recorder is not None:
+                    self._recorder.keep_time(time.monotonic())
             if len(frames) < MOST or self._stop:
                 return
 
