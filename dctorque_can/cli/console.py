@@ -13,6 +13,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TimeRemainingColumn
 from rich.text import Text
 
+from dctorque_can.daemon.journal import Priority, is_journal, line
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
@@ -23,16 +25,22 @@ STDERR = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 def say(text: str) -> None:
     """Print one remark on stderr."""
-    STDERR.print(text, markup=False)
+    STDERR.print(line(Priority.INFO, text), markup=False)
 
 
 def warn(text: str) -> None:
     """Print one warning on stderr."""
+    if is_journal():  # which colours by the priority
+        STDERR.print(line(Priority.WARNING, text), markup=False)
+        return
     STDERR.print(f"[yellow]warning:[/] {escape(text)}")
 
 
 def fail(text: str) -> None:
     """Print one error on stderr."""
+    if is_journal():
+        STDERR.print(line(Priority.ERROR, text), markup=False)
+        return
     STDERR.print(f"[bold red]error:[/] {escape(text)}")
 
 
