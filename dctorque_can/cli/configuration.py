@@ -28,11 +28,7 @@ def load(
     from dctorque_can.config.load import load_config
     from dctorque_can.resources import find_config
 
-    return with_warnings(load_config(find_config(path), overrides(settings, interface, channel)))
-
-
-def with_warnings(config: Config) -> Config:
-    """Show the warnings of a vehicle file and return it."""
+    config = load_config(find_config(path), overrides(settings, interface, channel))
     for warning in config.warnings:
         warn(str(warning).replace("warning: ", "", 1))
     return config

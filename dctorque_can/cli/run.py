@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -76,9 +76,9 @@ def run(
     if log is not None and log.suffix.lower() != ".mcap":
         raise typer.BadParameter(f"{log}: the log is an MCAP; end its name in .mcap", param_hint="--log")
     try:
-        read = partial(_read, path, settings, interface, channel, listen_only)
-        loaded = _load(read)
-        prepared = _prepare(loaded, log, no_log, force, status, read)
+        loaded = _load(path, settings, interface, channel, listen_only)
+        anew = partial(_read_anew, path, configuration.overrides(settings, interface, channel), listen_only)
+        prepared = _prepare(loaded, log, no_log, force, status, anew)
     except KeyboardInterrupt:  # from here on signals stop the service
         say("stopped before it began")
         return
@@ -106,26 +106,27 @@ def run(
         raise typer.Exit(ExitCode.INCOMPLETE)
 
 
-def _read(
+def _load(
     path: Path, settings: list[str] | None, interface: str | None, channel: str | None, listen_only: bool
 ) -> Config:
-    """Read the vehicle file, at the start and whenever it is to be read anew."""
-    from dctorque_can.config.load import load_config
-    from dctorque_can.resources import find_config
-
-    config = load_config(find_config(path), configuration.overrides(settings, interface, channel))
-    return config.listening_only() if listen_only else config
-
-
-def _load(read: Callable[[], Config]) -> Config:
     """Load the vehicle file; what is wrong with it has an exit code of its own, for those who start it again."""
     from dctorque_can.config.problems import ConfigError
 
     try:
-        return configuration.with_warnings(read())
+        config = configuration.load(path, settings, interface, channel)
     except ConfigError as error:
         error.exit_code = ExitCode.CONFIG
         raise
+    return config.listening_only() if listen_only else config
+
+
+def _read_anew(path: Path, overrides: Mapping[str, str], listen_only: bool) -> Config:
+    """Read the vehicle file while the service runs."""
+    from dctorque_can.config.load import load_config
+    from dctorque_can.resources import find_config
+
+    config = load_config(find_config(path), overrides)
+    return config.listening_only() if listen_only else config
 
 
 def _prepare(
@@ -134,7 +135,7 @@ def _prepare(
     no_log: bool,
     force: bool,
     status: Path | None,
-    read: Callable[[], Config],
+    anew: Callable[[], Config],
 ) -> Service:
     from dctorque_can.daemon.link import open_bus
     from dctorque_can.daemon.log_plan import plan_for
@@ -153,7 +154,7 @@ def _prepare(
         plan,
         _tell,
         places=places_for(config.status, status),
-        reread=read,
+        reread=anew,
     )
 
 

@@ -17,12 +17,11 @@ _COUNTED = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 
 
 def status_page(status: Mapping[str, Any]) -> list[str]:
-    """Return a snapshot (`daemon.status.LiveStatus`) as lines; no word of it is a command to a terminal."""
+    """Return a snapshot (`daemon.status.LiveStatus`) as lines."""
     lines = []
     for label, text in _items(status):
-        clean = "".join(letter if letter.isprintable() else "?" for letter in text)
         lines += textwrap.wrap(
-            clean,
+            text,
             WIDTH,
             initial_indent=label.ljust(_LABEL),
             subsequent_indent=" " * _LABEL,

@@ -110,7 +110,13 @@ def test_watching_ends_with_the_service(dctorque, service: subprocess.Popen[str]
     assert all(json.loads(line)["pid"] == service.pid for line in outcome.out.splitlines())
 
 
-def test_no_word_of_a_service_is_a_command_to_the_terminal(dctorque, service) -> None:
+def test_no_word_of_a_service_is_a_command_to_the_terminal(
+    dctorque, service, monkeypatch: pytest.MonkeyPatch
+) -> None:
     status = json.loads(told(dctorque, "-s", "s", "--json").out)
-    for line in status_page(status | {"name": "\x1b]0;owned\x07", "state": "a\nb\rc\u202e"}):
-        assert line.isprintable()
+    hostile = status | {"name": "\x1b]0;owned\x07", "state": "a\nb\rc\u202e\x9b"}
+    assert "\x1b" in "".join(status_page(hostile))
+    monkeypatch.setattr("dctorque_can.daemon.status_client.read_status", lambda path: hostile)
+    out = dctorque("status", "-s", "s").out
+    assert "\\x1b]0;owned" in out
+    assert all(line.isprintable() for line in out.splitlines())

@@ -57,6 +57,25 @@ def test_it_has_an_end_of_memory_and_tasks() -> None:
     assert int(unit["TasksMax"]) == 64
 
 
+def test_a_service_that_is_taken_over_stays_where_it_is() -> None:
+    unit = service_section(UNIT)
+    yes = (
+        "DynamicUser",
+        "NoNewPrivileges",
+        "ProtectHome",
+        "ProtectClock",
+        "ProtectKernelModules",
+        "RestrictSUIDSGID",
+    )
+    assert {unit[name] for name in yes} == {"yes"}
+    assert unit["CapabilityBoundingSet"] == ""
+    assert unit["ProtectSystem"] == "strict"
+    assert [name for name in unit if name.endswith("Directory")] == [
+        *("StateDirectory", "WorkingDirectory", "CacheDirectory", "RuntimeDirectory")
+    ]
+    assert "ReadWritePaths" not in unit
+
+
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
 
 
