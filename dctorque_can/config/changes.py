@@ -14,7 +14,7 @@ from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import KeyPath, dotted
 
 _WHILE_IT_RUNS = ("logging", "output.foreign_silence_s", "state.save_s")
-_NOT_SO = ("logging.enabled",)
+_NOT_SO = ("logging.enabled", "logging.frames")  # the latter: what is received may depend on it
 
 
 def changed_keys(old: Config, new: Config) -> list[str]:

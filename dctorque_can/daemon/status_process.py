@@ -11,12 +11,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from dctorque_can.config.edges import StatusSection
+from dctorque_can.daemon.status_socket import SOCKET_NAME
 from dctorque_can.errors import DctorqueError
 
-SOCKET_NAME = "status.sock"
+if TYPE_CHECKING:
+    from dctorque_can.config.edges import StatusSection
 
 OPEN_TIMEOUT_S = 30.0
 CLOSE_S = 1.0

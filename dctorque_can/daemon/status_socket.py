@@ -9,9 +9,9 @@ import stat
 import time
 from pathlib import Path
 
+SOCKET_NAME = "status.sock"  # in the folder that systemd makes
 MODE = 0o660
 BACKLOG = 16
-LONGEST_PATH = 107  # bytes: the kernel's limit for the address of a socket
 _PROBE_S = 1.0
 _LOCK_S = 1.0
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import can
 import pytest
+from mcap.reader import make_reader
 
 from dctorque_can.config.changes import changed_keys, needs_restart
 from dctorque_can.config.load import Config, load_config
@@ -140,7 +141,14 @@ def test_changes_are_found_key_by_key(file: File) -> None:
     assert changed_keys(before, file.read()) == ["logging.flush_ms"]
     assert not needs_restart("logging.flush_ms")
     assert not needs_restart("state.save_s")
-    for key in ("logging.enabled", "logging_x", "state.directory", "can.channel", "estimator.period_us"):
+    for key in (
+        "logging.enabled",
+        "logging.frames",
+        "logging_x",
+        "state.directory",
+        "can.channel",
+        "estimator.period_us",
+    ):
         assert needs_restart(key)
 
 
@@ -165,9 +173,9 @@ def test_a_reload_begins_a_log_with_the_new_file_that_replays_alone(
     config = file.read()
     live = start(config, connect, tmp_path / "logs" / "first.mcap", reread=partial(file.read))
     fed(live, connect, drive, slice(0, 1000))
-    file.edit("flush_ms: 200", "flush_ms: 300")
+    file.edit("flush_ms: 200", "flush_ms: 300, signals: true")
     live.service.reload()
-    wait_for_line(live, "read anew: logging.flush_ms; a new log")
+    wait_for_line(live, "read anew: logging.flush_ms, logging.signals; a new log")
     fed(live, connect, drive, slice(1000, 2000))
     file.edit("flush_ms: 300", "flash_ms: 300")
     live.service.reload()
@@ -178,18 +186,23 @@ def test_a_reload_begins_a_log_with_the_new_file_that_replays_alone(
     assert summary.log is not None
     assert len(summary.log.paths) == 2
     flush_ms = []
+    decoded = []
     for path in summary.log.paths:
+        with path.open("rb") as stream:
+            summary_of = make_reader(stream).get_summary()
+            assert summary_of is not None
+            decoded.append(any(each.topic.startswith("/signals/") for each in summary_of.channels.values()))
         with open_log(path) as log:
             text = log.documents["mycar.yaml"].decode()
             flush_ms.append(re.search(r"flush_ms: (\d+)", text)[1])  # type: ignore[index]
-            notes: list[str] = []
             own = load_config_of(log.documents)
             replay_logs([log], own, ReplayTargets(tmp_path / "again.mcap"), ReplayContent(), lambda fraction: None)
         live_rows, again = read_table(path, ESTIMATES), read_table(tmp_path / "again.mcap", ESTIMATES)
-        assert len(live_rows) > 100, notes
+        assert len(live_rows) > 100
         assert live_rows.tobytes() == again.tobytes()
         (tmp_path / "again.mcap").unlink()
     assert flush_ms == ["200", "300"]
+    assert decoded == [False, True]
 
 
 def load_config_of(documents: dict[str, bytes]) -> Config:
