@@ -114,6 +114,11 @@ class Chain:
             arrays |= {f"maps {name}": array for name, array in waiting.items()}
         return Snapshot(arrays, values)
 
+    def rename(self, config: Config) -> None:
+        """Take a vehicle file that changed in nothing that `feed` depends on: states are of it from now on."""
+        self._config = config
+        self.__dict__.pop("_identity", None)
+
     def packed(self, state: Snapshot) -> bytes:
         """Return a `state` as bytes, for `restore`."""
         return packed(state, self._identity)
@@ -207,6 +212,14 @@ class Chain:
             "database": database_digest(self._config),
             "kept clutch map": "" if commands is None else hashlib.sha256(commands.content()).hexdigest(),
         }
+
+    def told_us(self) -> list[int | None]:
+        """Return when each term of an input was told last, in order of inputs and their signals; None: never."""
+        terms = self._decoder.terms
+        return [
+            t_us if known else None
+            for t_us, known in zip(terms["t_us"].tolist(), terms["known"].tolist(), strict=True)
+        ]
 
     def map_rows(self) -> NDArray[np.void]:
         """Return the `CLUTCH_MAP` rows that became due since the last call ``[n]``."""

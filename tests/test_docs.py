@@ -78,6 +78,22 @@ def test_what_a_document_names_is_there(document: Path) -> None:
     assert (missing_files(text), missing_modules(text), missing_targets(text, document)) == (set(), set(), set())
 
 
+def named_tests(text: str) -> list[tuple[str, str]]:
+    """Return file and function of every test that a document names."""
+    return re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text)
+
+
+def test_each_sentence_about_security_has_a_test() -> None:
+    text = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+    tables = re.findall(r"^\| sentence \| test \|\n\|---\|---\|\n((?:\|.*\n)+)", text, re.MULTILINE)
+    rows = [row for table in tables for row in table.splitlines()]
+    assert len(tables) == 5
+    assert [row for row in rows if len(named_tests(row)) != 1] == []
+    for file, name in named_tests(text):
+        source = (ROOT / file).read_text(encoding="utf-8")
+        assert re.search(rf"^def {name}\(", source, re.MULTILINE), f"{file} has no {name}"
+
+
 def test_what_is_not_there_is_found() -> None:
     text = (
         "`dctorque_can/estimators/kalman.py` `kalman_core.py` `tools/nothing --write` `config/paper_car.yaml` "

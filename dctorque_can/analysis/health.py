@@ -14,7 +14,7 @@ from dctorque_can.analysis.speed_hints import speed_hints
 from dctorque_can.pipeline.samples import Input, Quantity
 from dctorque_can.plausibility.findings import key_of, sentences
 
-_COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
+COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 FAULTS = (
     "not_available",
     "out_of_range",
@@ -25,7 +25,8 @@ FAULTS = (
     "bad_rate",
     "timeouts",
 )
-"""Why samples were not used, as fields of `HEALTH`, and how often inputs went stale."""
+"""Why a value was not used, each counted for each quantity."""
+_NAMES = [(int(quantity), quantity.name.lower()) for quantity in Quantity]
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
 _OF_SPEEDS = (
     "wheel_scale_error",
@@ -38,19 +39,24 @@ _OF_SPEEDS = (
 def health_counts(health: NDArray[np.void]) -> dict[str, Any]:
     """Return what a `HEALTH` record ``[1]`` has counted, and what was learned and found."""
     record = health[0]
-    counts: dict[str, Any] = {name: int(record[name]) for name in _COUNTERS}
-    for fault in FAULTS:
-        counts[fault] = {q.name.lower(): int(record[fault][q]) for q in Quantity if record[fault][q]}
+    counts: dict[str, Any] = {name: int(record[name]) for name in COUNTERS}
+    counts |= {fault: by_quantity(health, fault) for fault in FAULTS}
     sensors = nis(health)
     counts["nis"] = {name: sensor.mean for name, sensor in sensors.items()}
     counts["rejected"] = {name: sensor.rejected for name, sensor in sensors.items() if sensor.rejected}
     learned = {name: float(record[f"engine_torque_{name}"]) for name in _LEARNED}
-    counts["accepted"] = {q.name.lower(): int(record["accepted"][q]) for q in Quantity if record["accepted"][q]}
+    counts["accepted"] = by_quantity(health, "accepted")
     counts["engine_torque"] = learned if sensors else {}
     counts["speeds"] = {name: float(record[name]) for name in _OF_SPEEDS} if sensors else {}
     counts["findings"] = findings(health)
     counts["hints"] = [*noise_hints(health), *speed_hints(health)]
     return counts
+
+
+def by_quantity(health: NDArray[np.void], name: str) -> dict[str, int]:
+    """Return a field of a `HEALTH` record ``[1]`` that counts for each quantity, without zeros."""
+    values = health[name][0].tolist()
+    return {quantity: values[q] for q, quantity in _NAMES if values[q]}
 
 
 def findings(health: NDArray[np.void]) -> list[dict[str, Any]]:

@@ -58,6 +58,7 @@ class StatusShares:
 
     def having(self, bits: int) -> int:
         """Return how many estimates have all of the bits."""
+        bits = int(bits)  # a flag would make a flag of each value
         return sum(n for value, n in self._counts.items() if value & bits == bits)
 
     def share(self, bit: Status) -> float:
@@ -66,8 +67,8 @@ class StatusShares:
 
     def time_share(self, bit: Status) -> float:
         """Return the share of the time with a bit, 0…1; 0 without two estimates."""
-        total_us = self._stood_us.total()
-        return sum(us for value, us in self._stood_us.items() if value & bit) / total_us if total_us else 0.0
+        total_us, bits = self._stood_us.total(), int(bit)
+        return sum(us for value, us in self._stood_us.items() if value & bits) / total_us if total_us else 0.0
 
     def as_json(self) -> dict[str, float]:
         """Return all shares of the estimates by `key_of` their bits."""

@@ -3,42 +3,70 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.text import Text
 
+from dctorque_can.daemon.journal import Priority, is_journal, line
+
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import ConsoleOptions, RenderableType
+
+# Control characters but tab and line feed, and what changes the direction of writing.
+_COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def harmless(text: str) -> str:
+    """Return a text in which nothing is a command to a terminal: such characters are written as Python does."""
+    return _COMMANDS.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+class HarmlessConsole(Console):
+    """A console that a name in a vehicle file, a DBC or a log cannot give commands to."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Render as always, but for what is a command and not of rich itself."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=harmless(segment.text))
+
 
 # A place such as car.yaml:100: is no emoji.
-STDOUT = Console(highlight=False, emoji=False)
-STDERR = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
+STDOUT = HarmlessConsole(highlight=False, emoji=False)
+STDERR = HarmlessConsole(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def say(text: str) -> None:
     """Print one remark on stderr."""
-    STDERR.print(text, markup=False)
+    STDERR.print(line(Priority.INFO, text), markup=False)
 
 
 def warn(text: str) -> None:
     """Print one warning on stderr."""
+    if is_journal():  # which colours by the priority
+        STDERR.print(line(Priority.WARNING, text), markup=False)
+        return
     STDERR.print(f"[yellow]warning:[/] {escape(text)}")
 
 
 def fail(text: str) -> None:
     """Print one error on stderr."""
+    if is_journal():
+        STDERR.print(line(Priority.ERROR, text), markup=False)
+        return
     STDERR.print(f"[bold red]error:[/] {escape(text)}")
 
 
 def print_page(result: RenderableType, width: int) -> None:
     """Print tables that are made for ``width`` columns, however wide the terminal is."""
-    Console(width=width, highlight=False, emoji=False).print(result)
+    HarmlessConsole(width=width, highlight=False, emoji=False).print(result)
 
 
 def print_json(result: Mapping[str, Any]) -> None:

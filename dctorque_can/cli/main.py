@@ -27,6 +27,7 @@ from dctorque_can.logs.late_asammdf import late_asammdf
 DEBUG = "--debug"
 COMMANDS = (
     "run",
+    "status",
     "replay",
     "simulate",
     "demo",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -47,11 +49,22 @@ def run(
     listen_only: Annotated[
         bool, typer.Option("--listen-only", help="Send nothing on any bus, whatever the vehicle file says.")
     ] = False,
+    status: Annotated[
+        Path | None,
+        typer.Option(
+            "--status",
+            metavar="PATH",
+            help="Unix socket for `dctorque status`.  [default: status.socket of the file, or "
+            "$RUNTIME_DIRECTORY/status.sock]",
+            show_default=False,
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Estimate live: receive, estimate, send (when the configuration enables the output) and log.
 
-    Ends with exit code 0 and a closed log on Ctrl-C or SIGTERM, or after --duration. SIGHUP begins a new log.
+    Ends with exit code 0 and a closed log on Ctrl-C or SIGTERM, or after --duration. SIGUSR1 begins a new
+    log, SIGHUP reads the vehicle file anew.
     A bus that goes away while running is waited for. Exit code 3: frames are missing in the log, or none came that
     is mapped within --duration. Exit code 78: the vehicle file is wrong.
     """
@@ -63,10 +76,9 @@ def run(
     if log is not None and log.suffix.lower() != ".mcap":
         raise typer.BadParameter(f"{log}: the log is an MCAP; end its name in .mcap", param_hint="--log")
     try:
-        loaded = _load(path, settings, interface, channel)
-        if listen_only:
-            loaded = loaded.listening_only()
-        prepared = _prepare(loaded, log, no_log, force)
+        loaded = _load(path, settings, interface, channel, listen_only)
+        anew = partial(_read_anew, path, configuration.overrides(settings, interface, channel), listen_only)
+        prepared = _prepare(loaded, log, no_log, force, status, anew)
     except KeyboardInterrupt:  # from here on signals stop the service
         say("stopped before it began")
         return
@@ -94,24 +106,42 @@ def run(
         raise typer.Exit(ExitCode.INCOMPLETE)
 
 
-def _load(path: Path, settings: list[str] | None, interface: str | None, channel: str | None) -> Config:
+def _load(
+    path: Path, settings: list[str] | None, interface: str | None, channel: str | None, listen_only: bool
+) -> Config:
     """Load the vehicle file; what is wrong with it has an exit code of its own, for those who start it again."""
     from dctorque_can.config.problems import ConfigError
 
     try:
-        return configuration.load(path, settings, interface, channel)
+        config = configuration.load(path, settings, interface, channel)
     except ConfigError as error:
         error.exit_code = ExitCode.CONFIG
         raise
+    return config.listening_only() if listen_only else config
 
 
-def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Service:
-    from functools import partial
+def _read_anew(path: Path, overrides: Mapping[str, str], listen_only: bool) -> Config:
+    """Read the vehicle file while the service runs."""
+    from dctorque_can.config.load import load_config
+    from dctorque_can.resources import find_config
 
+    config = load_config(find_config(path), overrides)
+    return config.listening_only() if listen_only else config
+
+
+def _prepare(
+    config: Config,
+    log: Path | None,
+    no_log: bool,
+    force: bool,
+    status: Path | None,
+    anew: Callable[[], Config],
+) -> Service:
     from dctorque_can.daemon.link import open_bus
     from dctorque_can.daemon.log_plan import plan_for
     from dctorque_can.daemon.service import Service
     from dctorque_can.daemon.signals import obeying_signals  # noqa: F401  loaded while a signal still ends all
+    from dctorque_can.daemon.status_process import places_for
     from dctorque_can.logs.output_file import refuse_existing
 
     if log is not None:
@@ -119,7 +149,12 @@ def _prepare(config: Config, log: Path | None, no_log: bool, force: bool) -> Ser
     wanted = not no_log and (log is not None or config.logging.enabled)
     plan = plan_for(config, log) if wanted else None
     return Service(
-        config, [partial(open_bus, bus.arguments(), bus.listen_only) for bus in config.buses], plan, _tell
+        config,
+        [partial(open_bus, bus.arguments(), bus.listen_only) for bus in config.buses],
+        plan,
+        _tell,
+        places=places_for(config.status, status),
+        reread=anew,
     )
 
 

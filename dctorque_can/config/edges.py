@@ -1,9 +1,10 @@
-"""The `can:`, `output:` and `logging:` sections: what the service connects to. These have defaults."""
+"""The `can:`, `output:`, `logging:` and `status:` sections: what the service connects to. These have defaults."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +15,8 @@ from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
 from dctorque_can.config.signals import ChannelNumber
 
+LAST_PORT = 65_535
+LONGEST_SOCKET = 107  # bytes
 LAST_STANDARD_ID = 0x7FF
 LAST_EXTENDED_ID = 0x1FFF_FFFF
 
@@ -102,6 +105,38 @@ class LoggingSection(Section):
     def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
         if self.keep_mb is not None and (self.rotate_mb is None or self.rotate_mb > self.keep_mb):
             yield ("keep_mb",), "must be at least rotate_mb, or nothing could ever be deleted"
+
+
+class StatusSection(Section):
+    """Where the status of the service can be read while it runs."""
+
+    socket: str | None = None
+    """Path of a Unix socket for `dctorque status`; default: status.sock in `$RUNTIME_DIRECTORY`, if set."""
+    metrics: str | None = None
+    """Loopback address and port for Prometheus, such as 127.0.0.1:9642; default: none."""
+
+    def contradictions(self) -> Iterator[tuple[KeyPath, str]]:  # noqa: D102
+        if self.socket is not None and not 0 < len(self.socket.encode()) <= LONGEST_SOCKET:
+            yield ("socket",), f"must be a path of at most {LONGEST_SOCKET} bytes: the kernel takes no longer one"
+        if self.metrics is not None and self.metrics_address() is None:
+            yield (
+                ("metrics",),
+                "must be a loopback address and a port, such as 127.0.0.1:9642 or [::1]:9642: on any other "
+                "everybody in the network could read it; a proxy may pass it on with a password",
+            )
+
+    def metrics_address(self) -> tuple[str, int] | None:
+        """Return address and port of `metrics`; None where there is none, or no loopback address."""
+        host, _, port = (self.metrics or "").rpartition(":")
+        try:
+            address = ip_address(host.removeprefix("[").removesuffix("]"))
+        except ValueError:
+            return None
+        bracketed = host.startswith("[") and host.endswith("]")
+        if not address.is_loopback or bracketed != (address.version == 6):
+            return None
+        digits = port.isascii() and port.isdecimal() and len(port) <= len("65535")
+        return (str(address), int(port)) if digits and 1 <= int(port) <= LAST_PORT else None
 
 
 class DatabaseSection(Section):

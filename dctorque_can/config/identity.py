@@ -8,7 +8,7 @@ import yaml
 
 from dctorque_can.config.load import OVERRIDES_SUFFIX, Config
 
-_EDGES = ("name", "can", "output", "logging", "state", "clutch_map")
+_EDGES = ("name", "can", "output", "logging", "status", "state", "clutch_map")
 """Sections whose overrides change nothing of what is estimated or learned."""
 
 

@@ -15,7 +15,7 @@ from dctorque_can.config.buses import output_channel, read_buses
 from dctorque_can.config.clutch_map import ClutchMapSection, StateSection, map_settings
 from dctorque_can.config.databases import DatabaseFiles, Reader
 from dctorque_can.config.document import Document, parse
-from dctorque_can.config.edges import CanSection, LoggingSection, OutputSettings
+from dctorque_can.config.edges import CanSection, LoggingSection, OutputSettings, StatusSection
 from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.overrides import apply_overrides
 from dctorque_can.config.problems import ConfigError, Problem
@@ -36,7 +36,7 @@ SECTIONS = {
     "gears": "where the gears come from: source: signals or ratio",
     "clutch_phase": "what tells whether a clutch is open: source: position, flag or command",
 }
-OPTIONAL_SECTIONS = ("protection", "estimator", "clutch_map", "state", "can", "output", "logging")
+OPTIONAL_SECTIONS = ("protection", "estimator", "clutch_map", "state", "can", "output", "logging", "status")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,7 @@ class Config:
         buses: of a live service, at least one; ``arguments()`` of each goes to ``can.Bus``.
         output: the messages that are sent.
         logging: the log.
+        status: where the status of a live service can be read.
         clutch_map: how the maps of the clutches are learned; None: they are not.
         map_ids: of the messages of the maps, message name to arbitration id, where it is not the DBC's.
         state: what is kept over a restart.
@@ -72,6 +73,7 @@ class Config:
     buses: tuple[CanSection, ...]
     output: OutputSettings
     logging: LoggingSection
+    status: StatusSection
     clutch_map: MapSettings | None
     map_ids: dict[str, int]
     state: StateSection
@@ -187,12 +189,22 @@ def _load(
     parts = build_parts(document, database, files.addresses)
     buses = read_buses(document)
     logging = validate(document, ("logging",), LoggingSection)
+    status = validate(document, ("status",), StatusSection)
     learned = validate(document, ("clutch_map",), ClutchMapSection)
     state = validate(document, ("state",), StateSection)
     maps = map_settings(document, learned, parts.settings) if learned is not None and parts is not None else None
     output = files.output(database, output_channel(document, buses) if buses else 0)
     problems = sorted(document.without_consequences(), key=problem_order)
-    sound = parts is not None and database is not None and buses and logging and output and learned and state
+    sound = (
+        parts is not None
+        and database is not None
+        and buses
+        and logging
+        and output
+        and learned
+        and state
+        and status
+    )
     if not sound or any(problem.severity == "error" for problem in problems):
         raise ConfigError(problems)
     assert isinstance(parts, Parts)
@@ -201,6 +213,7 @@ def _load(
     assert logging is not None
     assert output is not None
     assert learned is not None
+    assert status is not None
     assert state is not None
     return Config(
         path=path,
@@ -211,6 +224,7 @@ def _load(
         buses=buses,
         output=output,
         logging=logging,
+        status=status,
         clutch_map=maps,
         map_ids=dict(learned.ids),
         state=state,

@@ -20,12 +20,12 @@ class ForeignId:
     Attributes:
         frames: that he sent.
         refusals: times that we stopped sending on it.
-        until_us: end of the refusal, listened time; None while there is none.
+        heard_us: when he was heard last, listened time.
     """
 
     frames: int = 0
     refusals: int = 0
-    until_us: int | None = None
+    heard_us: int = 0
 
 
 class ForeignIds:
@@ -35,17 +35,18 @@ class ForeignIds:
     waits for is drawn by chance, up to `LONGER` as long, anew with the first identifier that is refused.
 
     Args:
-        silence_s: without a foreign frame, after which an identifier is ours again; None: never.
+        silence_s: see below.
         tell: is told when a refusal begins and ends; of many, fewer and fewer: ``tell(is_error, text)``.
         chance: draws the silence.
 
     Attributes:
         refused: identifiers on which we do not send now.
+        silence_s: without a foreign frame, after which an identifier is ours again; None: never. May be changed.
     """
 
     def __init__(self, silence_s: float | None, tell: Callable[[bool, str], None], chance: Random) -> None:
         self.refused: set[int] = set()
-        self._silence_s = silence_s
+        self.silence_s = silence_s
         self._tell = tell
         self._chance = chance
         self._longer = 1.0
@@ -59,8 +60,7 @@ class ForeignIds:
         for can_id in sorted(frames):
             known = self._known.setdefault(can_id, ForeignId())
             known.frames += frames[can_id]
-            if self._silence_s is not None:
-                known.until_us = listened_us + round(1e6 * self._longer * self._silence_s)
+            known.heard_us = listened_us
             if can_id not in self.refused:
                 self.refused.add(can_id)
                 known.refusals += 1
@@ -68,8 +68,8 @@ class ForeignIds:
         if worth := self._worth_telling(new):
             until = (
                 "until the next start"
-                if self._silence_s is None
-                else f"until nobody else does for {self._silence_s:g} s"
+                if self.silence_s is None
+                else f"until nobody else does for {self.silence_s:g} s"
             )
             self._tell(
                 True, f"someone else sends on {shown(worth)}: nothing is sent there {until} (set output.ids)"
@@ -77,9 +77,10 @@ class ForeignIds:
 
     def listen(self, listened_us: int) -> None:
         """Note how long we have listened by now; what was silent for long enough is ours again."""
-        if not self.refused:
+        if not self.refused or self.silence_s is None:
             return
-        ours = [i for i in sorted(self.refused) if (until := self._known[i].until_us) and listened_us >= until]
+        silent_us = listened_us - round(1e6 * self._longer * self.silence_s)
+        ours = [can_id for can_id in sorted(self.refused) if self._known[can_id].heard_us <= silent_us]
         self.refused.difference_update(ours)
         if worth := self._worth_telling(ours):
             self._tell(False, f"nobody else sends on {shown(worth)} any more: it is sent there again")

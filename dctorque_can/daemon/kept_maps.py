@@ -41,6 +41,11 @@ def packed(maps: ClutchMaps, config: Config) -> bytes:
     return json.dumps(content, allow_nan=False).encode()
 
 
+def renamed(content: bytes, config: Config) -> bytes:
+    """Return packed maps as those of a vehicle file that has changed in nothing that they depend on."""
+    return json.dumps(json.loads(content) | identity(config), allow_nan=False).encode()
+
+
 def begun(content: bytes, config: Config) -> tuple[ClutchMaps | None, str]:
     """Return maps that go on from packed ones, and ""; or None, and why they cannot."""
     assert config.clutch_map is not None

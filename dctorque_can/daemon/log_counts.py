@@ -28,6 +28,7 @@ class LogCounts:
         slowest_flush_ms: longest time from receiving to the hands of the operating system.
         late_flushes: times that this was longer than `logging.flush_ms`.
         paths: logs that were opened, in order.
+        sizes: of each, bytes that the operating system has.
         finalised: torn logs that were closed afterwards, in order.
         failures: why a log could not be written, in order; not again while a new one is tried in vain.
     """
@@ -39,6 +40,7 @@ class LogCounts:
     slowest_flush_ms: float = 0.0
     late_flushes: int = 0
     paths: list[Path] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
     finalised: list[Path] = field(default_factory=list)
     failures: list[str] = field(default_factory=list)
 

@@ -129,7 +129,7 @@ def bus_metadata(config: Config) -> dict[str, dict[str, str]]:
 def plan_for(config: Config, first: Path | None = None) -> LogPlan:
     """Return how ``config`` wants logs to be written; ``first`` is the exact path of the first one.
 
-    Logs after ``first`` (SIGHUP, size, age) stand beside it.
+    Logs after ``first`` (SIGUSR1, size, age) stand beside it.
     """
     settings = config.logging
     name = "".join(letter if letter.isalnum() else "_" for letter in config.name)

@@ -83,9 +83,9 @@ class LogProcess:
         self._recovery = LogRecovery(plan.folder)
 
     @property
-    def has_a_given_path(self) -> bool:
-        """Whether somebody has named the file of the first log."""
-        return self._plan.folder.first is not None
+    def given_path(self) -> Path | None:
+        """The file of the first log, if somebody has named it."""
+        return self._plan.folder.first
 
     def open(self, needed: bool = True, given_up: Callable[[], bool] = lambda: False) -> None:
         """Start the process, wait until the first log is open, and begin to close those that are torn.
@@ -143,6 +143,13 @@ class LogProcess:
         """Close the log and begin the next one, with the state after all that was handed over until now."""
         self._gap = False
         self._rotation = self._point(lambda number: rotate_message(number, state()), state)
+
+    def change(self, plan: LogPlan, documents: Mapping[str, bytes]) -> None:
+        """Write the logs that begin from now on as another plan says; to be followed by `rotate`."""
+        self._plan, self._documents = plan, dict(documents)
+        if self._process is not None:
+            for message in self._head():
+                self._queue(message)
 
     def flush(self, state: State = no_state, received_s: float | None = None) -> bool:
         """Have all that was handed over written; return whether that was asked for: not while too much waits.
@@ -219,7 +226,7 @@ class LogProcess:
     def _start(self) -> None:
         try:
             process = subprocess.Popen(
-                [sys.executable, "-m", "dctorque_can.daemon.log_worker"],
+                [sys.executable, "-P", "-m", "dctorque_can.daemon.log_worker"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 bufsize=0,
@@ -235,9 +242,7 @@ class LogProcess:
             fcntl.fcntl(process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.set_blocking(process.stdin.fileno(), False)
         os.set_blocking(process.stdout.fileno(), False)
-        head = [json_message(Kind.SETUP, self._plan.as_json() | {"opened": len(self.counts.paths)})]
-        head += [document_message(name, content) for name, content in self._documents.items()]
-        messages = [Message(content, again=False) for content in head]
+        messages = self._head()
         if not self._gap:  # else the next log begins with a state of its own
             self._last_number += 1
             self._rotation = self._opening = self._last_number
@@ -248,6 +253,12 @@ class LogProcess:
         self._waiting_bytes = sum(len(message.content) for message in self._waiting)
         self._unconfirmed.clear()
         self._begun = 0
+
+    def _head(self) -> list[Message]:
+        """Return what a process must know before it begins a log."""
+        head = [json_message(Kind.SETUP, self._plan.as_json() | {"opened": len(self.counts.paths)})]
+        head += [document_message(name, content) for name, content in self._documents.items()]
+        return [Message(content, again=False) for content in head]
 
     def _write(self) -> None:
         assert self._process is not None
@@ -283,9 +294,12 @@ class LogProcess:
     def _note(self, report: dict[str, Any]) -> None:
         if "opened" in report:
             self.counts.paths.append(Path(report["opened"]))
+            self.counts.sizes.append(0)
             self._opened_s, self._size, self._failing = time.monotonic(), 0, ""
             self._restart_s = RESTART_S
             self.news.append((False, f"logging to {report['opened']}"))
+        if "closed" in report:
+            self.counts.sizes[-1] = int(report["size"])
         if "failed" in report:
             self._failed(report["failed"])
         if "warning" in report:
@@ -309,6 +323,8 @@ class LogProcess:
         self.counts.written -= lost
         self.counts.dropped += lost
         self._size = int(report["size"])
+        if self._opened_s is not None and self._size:  # 0: it is closed
+            self.counts.sizes[-1] = self._size
         if number != self._opening:  # more than a log that can be begun
             self._deaths = 0
         if number == self._rotation:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -94,7 +95,7 @@ class LogRecovery:
         folder = {"directory": str(self._folder.directory), "vehicle": self._folder.vehicle}
         words = json.dumps({**folder, "stem": self._folder.stem, "cut": cut, "but": but})
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "dctorque_can.daemon.log_recovery", words],
+            [sys.executable, "-P", "-m", "dctorque_can.daemon.log_recovery", words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
         )
@@ -204,6 +205,8 @@ def finalise_all(
 def main() -> None:
     """Do what the first argument says, and tell it in lines on standard output."""
     os.nice(10)
+    for unwanted in (signal.SIGHUP, signal.SIGUSR1):  # to all of a unit: they are for the service
+        signal.signal(unwanted, signal.SIG_IGN)
     words = json.loads(sys.argv[1])
     folder = LogFolder(Path(words["directory"]), words["stem"], vehicle=words["vehicle"])
     for told in finalise_all(folder, words["cut"], words["but"], _PATIENCE_S):

@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dctorque_can.daemon import journal
+from dctorque_can.daemon.journal import Priority
 from dctorque_can.daemon.log_disk import Disk, report
 from dctorque_can.daemon.log_plan import STATE_NAME, LogPlan
 from dctorque_can.daemon.log_protocol import (
@@ -60,8 +62,17 @@ class LogWorker:
 
     def __init__(self, plan: LogPlan, documents: Mapping[str, bytes], opened: int = 0) -> None:
         self.ended = False
-        self._plan = plan
-        self._documents = documents
+        self._use(plan, documents)
+        self._next: tuple[LogPlan, Mapping[str, bytes]] | None = None
+        self._log: McapLog | None = None
+        self._opened = opened
+        self._unflushed_s: float | None = None  # since when something is in memory alone
+        self._frames = 0  # taken since the last point
+        self._lost = 0  # … of these
+
+    def _use(self, plan: LogPlan, documents: Mapping[str, bytes]) -> None:
+        self._plan, self._documents = plan, documents
+        self._disk = Disk(plan)
         self._signals: MessageColumns | None = None
         if plan.signals:  # the imports cost a second, so only those who want signals pay it
             from dctorque_can.bus.columns import MessageColumns
@@ -69,18 +80,19 @@ class LogWorker:
 
             config = load_documents(documents)
             self._signals = MessageColumns(config.database, config.addresses)
-        self._log: McapLog | None = None
-        self._disk = Disk(plan)
-        self._opened = opened
-        self._unflushed_s: float | None = None  # since when something is in memory alone
-        self._frames = 0  # taken since the last point
-        self._lost = 0  # … of these
+
+    def change(self, plan: LogPlan, documents: Mapping[str, bytes]) -> None:
+        """Write otherwise, from the next log on."""
+        self._next = plan, documents
 
     def take(self, kind: Kind, body: bytes, now_s: float) -> None:
         """Write one message."""
         if kind == Kind.ROTATE:
             number, state = read_rotate(body)
             self._close()
+            if self._next is not None:
+                self._use(*self._next)
+                self._next = None
             self._open(state)
             self._reach(number)
         elif kind == Kind.FLUSH:
@@ -179,7 +191,7 @@ class LogWorker:
             return
         try:
             self._log.close()
-            report(closed=str(self._log.path))
+            report(closed=str(self._log.path), size=self._log.written)
         except DctorqueError as error:
             report(failed=str(error))
         self._log = None
@@ -207,12 +219,13 @@ def _remove_empty(path: Path) -> None:
 
 def main() -> None:
     """Serve the pipe on standard input until it ends."""
-    for unwanted in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for unwanted in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
         signal.signal(unwanted, signal.SIG_IGN)  # the end of the pipe is what ends this process
     splitter = MessageSplitter()
     documents: dict[str, bytes] = {}
     worker: LogWorker | None = None
     plan: dict[str, Any] | None = None
+    changed = False
     pipe = sys.stdin.fileno()
     while True:
         ready = select.select([pipe], [], [], 0.02 if worker else None)[0]
@@ -220,12 +233,16 @@ def main() -> None:
         now_s = time.monotonic()
         for kind, body in splitter.feed(chunk or b""):
             if kind == Kind.SETUP:
-                plan = json.loads(body)
+                plan, documents, changed = json.loads(body), {}, worker is not None
             elif kind == Kind.DOCUMENT:
                 name, _, content = body.partition(b"\0")
                 documents[name.decode()] = content
             elif plan is not None:
-                worker = worker or LogWorker(LogPlan.from_json(plan), documents, plan["opened"])
+                if worker is None:
+                    worker = LogWorker(LogPlan.from_json(plan), documents, plan["opened"])
+                elif changed:
+                    worker.change(LogPlan.from_json(plan), documents)
+                    changed = False
                 worker.take(kind, body, now_s)
         if worker is not None:
             worker.keep_time(now_s)
@@ -239,7 +256,7 @@ def main() -> None:
 def _say(line: str) -> None:
     """Tell those who look at what is left of the service's own output."""
     with suppress(OSError):
-        os.write(sys.stderr.fileno(), line.encode() + b"\n")
+        os.write(sys.stderr.fileno(), journal.line(Priority.WARNING, line).encode() + b"\n")
 
 
 if __name__ == "__main__":

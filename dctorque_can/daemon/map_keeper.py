@@ -15,7 +15,7 @@ from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.background import finished, in_background
-from dctorque_can.daemon.kept_maps import KeptMaps, begun, packed, state_name
+from dctorque_can.daemon.kept_maps import KeptMaps, begun, packed, renamed, state_name
 from dctorque_can.resources import shipped_dbc
 
 _LAST_WRITE_S = 5.0
@@ -51,6 +51,12 @@ class MapKeeper:
             self.maps, _ = begun(content, config)
             self._start = "kept"
             self.documents[state_name(config)] = content
+
+    def rename(self, config: Config) -> None:
+        """Keep the maps as those of a vehicle file that has changed in nothing that they depend on, and soon."""
+        self._config = config
+        self.documents = {name: renamed(content, config) for name, content in self.documents.items()}
+        self._due_s = 0.0
 
     def encoder(self) -> MapEncoder | None:
         """Return what makes the frames of the maps; None when there are none to send."""

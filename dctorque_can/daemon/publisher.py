@@ -77,6 +77,10 @@ class Publisher:
         """Identifiers of ours that someone else uses."""
         return self._foreign.refused
 
+    def change_silence(self, silence_s: float | None) -> None:
+        """Change how long someone else must have been silent, also of what is refused already."""
+        self._foreign.silence_s = silence_s
+
     def as_json(self) -> dict[str, Any]:
         """Return what was sent how evenly, and what was left out for what reason."""
         return {

@@ -83,16 +83,26 @@ class Recorder:
         self, log: LogProcess, frames: bool, estimates: bool, flush_s: float, state: Callable[[], State]
     ) -> None:
         self._log = log
-        self._state = state if frames else lambda: no_state  # without frames there is nothing to replay
-        self._flush_every_s = flush_s / 2  # the other half is for what lies between
-        self._batch_s = min(BATCH_S, flush_s / 4)
+        self._state_of_now = state
         self._flush_s = 0.0
         self._received_s: float | None = None  # the oldest that has not been flushed
-        self._frames = FrameBuffer(BATCH_FRAMES) if frames else None
-        self._with_estimates = estimates
+        self._set(frames, estimates, flush_s)
         self._rows: list[NDArray[np.void]] = []
         self._health: list[NDArray[np.void]] = []
         self._due_s = 0.0
+
+    def _set(self, frames: bool, estimates: bool, flush_s: float) -> None:
+        self._state = self._state_of_now if frames else lambda: no_state  # without frames nothing can be replayed
+        self._flush_every_s = flush_s / 2  # the other half is for what lies between
+        self._batch_s = min(BATCH_S, flush_s / 4)
+        self._frames = FrameBuffer(BATCH_FRAMES) if frames else None
+        self._with_estimates = estimates
+
+    def change(self, frames: bool, estimates: bool, flush_s: float) -> None:
+        """Finish the log, and begin one that gets what it is told; see the class."""
+        self._hand_over()
+        self._set(frames, estimates, flush_s)
+        self.rotate()
 
     def frames(self, frames: Frames) -> None:
         """Add frames, received or sent."""

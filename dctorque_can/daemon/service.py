@@ -5,17 +5,14 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from functools import partial
 
 import can
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.analysis.health import health_counts, never_received
-from dctorque_can.analysis.message_faults import message_faults
 from dctorque_can.analysis.origins import OriginWatch
-from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
+from dctorque_can.analysis.status_shares import StatusShares
 from dctorque_can.analysis.traffic import MappedMessage
 from dctorque_can.analysis.transmission import TransmissionFigures
 from dctorque_can.bus.addresses import read_addresses
@@ -28,16 +25,21 @@ from dctorque_can.daemon.belief_watch import BeliefWatch
 from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
+from dctorque_can.daemon.latency import Latency
 from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.listening import remark
 from dctorque_can.daemon.log_counts import State, no_state
-from dctorque_can.daemon.log_plan import LogPlan
+from dctorque_can.daemon.log_plan import LogPlan, plan_for
 from dctorque_can.daemon.log_process import LogProcess
 from dctorque_can.daemon.map_keeper import MapKeeper
+from dctorque_can.daemon.parts import Parts
 from dctorque_can.daemon.publisher import Publisher
 from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.reload import Reloader
 from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.daemon.stalls import StallWatch
+from dctorque_can.daemon.status import LiveStatus
+from dctorque_can.daemon.status_process import StatusPlaces, StatusProcess
 from dctorque_can.daemon.summary import Summary
 from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.daemon.traffic_watch import TrafficWatch
@@ -50,7 +52,6 @@ from dctorque_can.pipeline.samples import Quantity
 __all__ = ["Service", "Summary"]  # all that one needs for a run
 
 RECEIVE_TIMEOUT_S = 0.1
-SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 PATIENT_BYTES = 1 << 20
 MOST_CATCHING_UP = 256  # looks at the buses, each for `MOST` frames
 ORIGINS_S = 2.0  # what messages come from several places is gathered for so long, and told together
@@ -65,6 +66,8 @@ class Service:
         plan: how to log, or None for no log.
         say: is told remarks for people, one line each: ``say(is_error, text)``.
         patient: wait for the log writer instead of dropping; only for traffic that is not live.
+        places: where the status can be read, or None for nowhere.
+        reread: reads the vehicle file anew and says how to log then (None without a log); None: never.
 
     Attributes:
         received: frames so far.
@@ -79,6 +82,8 @@ class Service:
         plan: LogPlan | None,
         say: Callable[[bool, str], None],
         patient: bool = False,
+        places: StatusPlaces | None = None,
+        reread: Callable[[], Config] | None = None,
     ) -> None:
         self.received = 0
         self._config = config
@@ -113,9 +118,23 @@ class Service:
         self.finishing = False
         self._rotate = False
         self._t_us: int | None = None
-        self._were_up: list[bool] = []
         self._mute: list[str] = []
         self._status = StatusShares()
+        self._latency = Latency()
+        self._reloader = Reloader(reread, self._tell)
+        self._parts = Parts(
+            config,
+            self._chain,
+            self._links,
+            self._publisher,
+            self._log,
+            self._status,
+            self._stalls,
+            self._clock,
+            self._latency,
+            self._reloader.outcomes,
+        )
+        self._live = None if places is None else LiveStatus(StatusProcess(places, self._tell), self._parts)
         told = {given.quantity for given in config.inputs}
         self._transmission = TransmissionFigures() if Quantity.TRANSMISSION_TORQUE in told else None
 
@@ -132,16 +151,22 @@ class Service:
         """Ask for a new log; may be called from a signal handler or another thread."""
         self._rotate = True
 
+    def reload(self) -> None:
+        """Ask for the vehicle file to be read anew; may be called from a signal handler or another thread."""
+        self._reloader.ask()
+
     def prepare(self, wait_for_bus: bool = False) -> None:
         """Compile, open the log and the bus.
 
         A log that cannot be created in the directory of the vehicle file is told, and tried again while it runs.
 
         Args:
-            wait_for_bus: a bus that is not there (yet) is no error, it is waited for; so is a log at a given path.
+            wait_for_bus: a bus that is not there (yet) is no error, it is waited for; so are a log at a given path
+                and the places of the status.
 
         Raises:
-            DctorqueError: the log at a given path cannot be created, or the bus cannot be opened.
+            DctorqueError: the log at a given path cannot be created, the bus cannot be opened, or the status
+                cannot be served where it is wanted.
         """
         self.compiling = True
         try:
@@ -158,7 +183,7 @@ class Service:
                 self._tell(False, line)
         if self._log is not None:
             try:
-                self._log.open(self._log.has_a_given_path and not wait_for_bus, lambda: self._stop)
+                self._log.open(self._log.given_path is not None and not wait_for_bus, lambda: self._stop)
             except BaseException:
                 self._links.close()
                 raise
@@ -167,6 +192,14 @@ class Service:
             settings = self._config.logging
             flush_s = settings.flush_ms / 1000
             self._recorder = Recorder(self._log, settings.frames, settings.estimates, flush_s, self._state)
+        if self._live is not None:
+            try:
+                self._live.begin(not wait_for_bus, lambda: self._stop)
+            except BaseException:
+                self._links.close()
+                if self._recorder is not None:
+                    self._recorder.close()
+                raise
         self._catch_up()
 
     def _catch_up(self) -> None:
@@ -203,7 +236,7 @@ class Service:
             seconds, cpu_s = now_s - began_s, time.thread_time() - began_cpu_s
         finally:
             self._systemd.stopping()
-            self._were_up = [link.up for link in self._links.links]
+            buses = self._parts.buses_json()
             self._mute = self._links.mute
             self._links.close()
             self.finishing = True
@@ -214,7 +247,18 @@ class Service:
                 self._pass_on_news()
                 self._recorder.close()
                 self._pass_on_news()
-        return self._summary(seconds, cpu_s)
+            if self._live is not None:
+                self._live.process.close()
+        return Summary.of(
+            self._parts,
+            seconds,
+            cpu_s,
+            frames=self.received,
+            transmission=self._transmission.as_json() if self._transmission is not None else None,
+            missing=[*self._mute, *(self._traffic.lines() if self._traffic.told else ())],
+            buses=buses,
+            clutch_map=self._maps.as_json(),
+        )
 
     def _take(self, frames: Frames, late: bool) -> None:
         """Do the whole job for a few frames; of ``late`` ones nothing is sent."""
@@ -240,6 +284,8 @@ class Service:
         sent: Frames | None = None
         if self._publisher is not None and len(estimates):
             sent = self._publisher.publish(estimates.rows, late)
+        if len(estimates):
+            self._latency.answered(int(frames.t_us[0]), time.time_ns() // 1000)
         if self._recorder is not None:
             self._recorder.frames(frames)
             self._recorder.estimates(estimates)
@@ -287,8 +333,24 @@ class Service:
             self._origins_due_s = None
             for line in self._origins.news():
                 self._tell(True, line)
+        if (new := self._reloader.look(self._config)) is not None:
+            self._adopt(new)
+        if self._live is not None:
+            self._live.keep_time(now_s, self.received, self._t_us, self._doing)
         self._pass_on_news()
         self._systemd.keep_time(now_s, self.received, self._doing)
+
+    def _adopt(self, config: Config) -> None:
+        """Go on with a vehicle file that has changed in what may change meanwhile; a new log begins with it."""
+        self._config = self._parts.config = config
+        self._chain.rename(config)
+        self._maps.rename(config)
+        if self._publisher is not None:
+            self._publisher.change_silence(config.output.foreign_silence_s)
+        if self._log is not None and self._recorder is not None:
+            self._log.change(plan_for(config, self._log.given_path), config.documents | self._maps.documents)
+            settings = config.logging
+            self._recorder.change(settings.frames, settings.estimates, settings.flush_ms / 1000)
 
     def _doing(self) -> str:
         """Return in a few words what the service does at the moment."""
@@ -339,34 +401,3 @@ class Service:
 
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)
-
-    def _summary(self, seconds: float, cpu_s: float) -> Summary:
-        return Summary(
-            seconds=round(seconds, 3),
-            cpu_share=round(cpu_s / seconds, 4) if seconds >= SHARE_S else None,
-            frames=self.received,
-            estimates=self._status.estimates,
-            valid_estimates=self._status.having(BOTH_CLUTCHES),
-            status=self._status.as_json(),
-            status_time=self._status.time_as_json(),
-            transmission=self._transmission.as_json() if self._transmission is not None else None,
-            never_received=never_received(self._config.inputs, self._chain.health),
-            missing=[*self._mute, *(self._traffic.lines() if self._traffic.told else ())],
-            published=self._links.counts.sent,
-            refused_ids=sorted(self._publisher.refused) if self._publisher is not None else [],
-            output=self._publisher.as_json() if self._publisher is not None else None,
-            stalls={"count": self._stalls.count, "longest_s": round(self._stalls.longest_s, 3)},
-            clock_steps=self._clock.steps,
-            link=self._links.counts,
-            buses=[
-                {
-                    **{"name": bus.name, "number": bus.number, "open": up, "listen_only": bus.listen_only},
-                    **asdict(link.counts),
-                }
-                for bus, link, up in zip(self._links.buses, self._links.links, self._were_up, strict=True)
-            ],
-            log=self._log.counts if self._log is not None else None,
-            health=health_counts(self._chain.health),
-            messages=message_faults(*self._chain.messages),
-            clutch_map=self._maps.as_json(),
-        )

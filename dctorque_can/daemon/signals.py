@@ -1,4 +1,6 @@
-"""What signals do to the service: SIGINT and SIGTERM stop it, SIGHUP begins a new log."""
+"""What signals do to the service: SIGINT and SIGTERM stop it, SIGHUP has it read its vehicle file anew,
+SIGUSR1 begins a new log.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,11 @@ from contextlib import contextmanager
 from threading import Event, Thread
 from types import FrameType
 
+from dctorque_can.daemon.journal import STDERR, Priority, line
 from dctorque_can.daemon.service import Service
 
 GRACE_S = 1.5
+_NO_SUMMARY = "ended without a summary: something (the driver of the bus?) does not return"
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -33,7 +37,10 @@ def obeying_signals(service: Service) -> Iterator[None]:
     def rotate(number: int, frame: FrameType | None) -> None:
         service.rotate()
 
-    handlers = {signal.SIGINT: stop, signal.SIGTERM: stop, signal.SIGHUP: rotate}
+    def reload(number: int, frame: FrameType | None) -> None:
+        service.reload()
+
+    handlers = {signal.SIGINT: stop, signal.SIGTERM: stop, signal.SIGHUP: reload, signal.SIGUSR1: rotate}
     previous = {int(number): signal.getsignal(number) for number in handlers}
     for number, handler in handlers.items():
         signal.signal(number, handler)
@@ -60,7 +67,7 @@ def _ending_in_time(service: Service) -> Iterator[None]:
         while numbers := os.read(reader, 64):
             stopping = [number for number in numbers if number in _STOPPING]
             if stopping and not left.wait(GRACE_S) and not service.finishing:
-                os.write(2, b"ended without a summary: something (the driver of the bus?) does not return\n")
+                os.write(STDERR, line(Priority.ERROR, _NO_SUMMARY).encode() + b"\n")
                 os._exit(128 + stopping[0])
 
     watcher = Thread(target=watch, name="signals", daemon=True)

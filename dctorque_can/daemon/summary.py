@@ -5,8 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from dctorque_can.analysis.health import health_counts, never_received
+from dctorque_can.analysis.message_faults import message_faults
+from dctorque_can.analysis.status_shares import BOTH_CLUTCHES
 from dctorque_can.daemon.link import LinkCounts
 from dctorque_can.daemon.log_counts import LogCounts
+from dctorque_can.daemon.parts import Parts
+
+SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,27 @@ class Summary:
     health: dict[str, Any]
     messages: dict[str, dict[str, Any]]
     clutch_map: dict[str, Any] | None = None
+
+    @classmethod
+    def of(cls, parts: Parts, seconds: float, cpu_s: float, **ends: Any) -> Summary:
+        """Return what a run of ``seconds`` amounted to; ``ends`` are the fields that `Parts` do not know."""
+        return cls(
+            seconds=round(seconds, 3),
+            cpu_share=round(cpu_s / seconds, 4) if seconds >= SHARE_S else None,
+            estimates=parts.shares.estimates,
+            valid_estimates=parts.shares.having(BOTH_CLUTCHES),
+            status=parts.shares.as_json(),
+            status_time=parts.shares.time_as_json(),
+            never_received=never_received(parts.config.inputs, parts.chain.health),
+            **parts.output_json(),
+            stalls=parts.stalls_json(),
+            clock_steps=parts.clock.steps,
+            link=parts.links.counts,
+            log=None if parts.log is None else parts.log.counts,
+            health=health_counts(parts.chain.health),
+            messages=message_faults(*parts.chain.messages),
+            **ends,
+        )
 
     @property
     def complete(self) -> bool:

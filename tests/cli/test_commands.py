@@ -312,7 +312,7 @@ def test_run_interrupted_while_it_loads_ends_in_order(dctorque, monkeypatch: pyt
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])
-def test_run_stops_cleanly_on_a_signal_and_rotates_on_hangup(
+def test_run_stops_cleanly_on_a_signal_and_rotates_on_sigusr1(
     command: list[str], environment: dict[str, str], tmp_path: Path, number: int, code: int
 ) -> None:
     arguments = ["run", str(PAPER), "-i", "virtual", "--channel", "quiet", "--log", "x.mcap"]
@@ -322,7 +322,7 @@ def test_run_stops_cleanly_on_a_signal_and_rotates_on_hangup(
     assert process.stderr is not None
     lines = [process.stderr.readline(), process.stderr.readline()]
     assert any("estimating on virtual:quiet" in line for line in lines), lines
-    os.kill(process.pid, signal.SIGHUP)
+    os.kill(process.pid, signal.SIGUSR1)
     assert "logging to x_" in process.stderr.readline()
     os.kill(process.pid, number)
     _, err = process.communicate(timeout=HANG_S)

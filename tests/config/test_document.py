@@ -1,5 +1,7 @@
 """YAML with places: types, lines, and what is reported about broken files."""
 
+from pathlib import Path
+
 import pytest
 
 from dctorque_can.config.document import MOST_NODES, parse
@@ -97,3 +99,11 @@ def test_aliases_cannot_blow_up() -> None:
     lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 10)]
     (problem,) = parse("\n".join(lines).encode(), "a.yaml").problems
     assert problem.reason.startswith(f"more than {MOST_NODES} values")
+
+
+def test_a_tag_runs_nothing(tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    for tag in ("python/object/apply:os.mkdir", "python/object/new:os.mkdir", "python/name:os.mkdir"):
+        document = parse(f'a: !!{tag} ["{mark}"]\n'.encode(), "a.yaml")
+        assert "not understood: the tag" in document.problems[0].reason
+    assert not mark.exists()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
@@ -53,10 +54,10 @@ class Live:
         return summary
 
 
-def start(config: Config, connect: Connect, log: Path | None) -> Live:
+def start(config: Config, connect: Connect, log: Path | None, **more: Any) -> Live:
     told: list[str] = []
     plan = None if log is None else plan_for(config, log)
-    service = Service(config, [connect], plan, lambda is_error, text: told.append(text))
+    service = Service(config, [connect], plan, lambda is_error, text: told.append(text), **more)
     service.prepare()
     summaries: list[Summary] = []
     thread = threading.Thread(target=lambda: summaries.append(service.run()), daemon=True)

@@ -19,12 +19,16 @@ class Stub:
     finishing: bool = False
     stopped: bool = False
     rotated: bool = False
+    reloaded: bool = False
 
     def stop(self) -> None:
         self.stopped = True
 
     def rotate(self) -> None:
         self.rotated = True
+
+    def reload(self) -> None:
+        self.reloaded = True
 
 
 @pytest.fixture(autouse=True)
@@ -53,11 +57,16 @@ def test_it_interrupts_compiling(number: int) -> None:
         os.kill(os.getpid(), number)
 
 
-def test_sighup_begins_a_new_log() -> None:
+@pytest.mark.parametrize(
+    ("number", "outcome"), [(signal.SIGUSR1, (True, False, False)), (signal.SIGHUP, (False, True, False))]
+)
+def test_sigusr1_begins_a_new_log_and_sighup_reads_the_file_anew(
+    number: int, outcome: tuple[bool, bool, bool]
+) -> None:
     stub = Stub()
     with obey(stub):
-        os.kill(os.getpid(), signal.SIGHUP)
-    assert (stub.rotated, stub.stopped) == (True, False)
+        os.kill(os.getpid(), number)
+    assert (stub.rotated, stub.reloaded, stub.stopped) == outcome
 
 
 @pytest.mark.parametrize(("finishing", "ends"), [(False, [143]), (True, [])])
