@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from functools import partial
+from typing import Any
 
 import can
 import numpy as np
@@ -26,6 +28,7 @@ from dctorque_can.daemon import socketcan
 from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
+from dctorque_can.daemon.kernel_filter import Wanted
 from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.listening import remark
 from dctorque_can.daemon.log_counts import State, no_state
@@ -42,7 +45,7 @@ from dctorque_can.daemon.traffic_watch import TrafficWatch
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE
-from dctorque_can.pipeline.frames import SOURCE, FrameFlag, Frames
+from dctorque_can.pipeline.frames import SOURCE, Address, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Quantity
 
 __all__ = ["Service", "Summary"]  # all that one needs for a run
@@ -86,14 +89,15 @@ class Service:
         self._maps = MapKeeper(config, self._tell)
         self._chain = Chain(config, maps=self._maps.maps)
         numbers = [bus.number or 0 for bus in config.buses]
+        mapped = read_addresses(config.database, config.inputs, config.addresses)
+        wanted = None if plan is not None and config.logging.frames else self._wanted(mapped)
         named = [
-            NamedBus(str(bus), number, connect, bus.listen_only)
+            NamedBus(str(bus), number, connect, bus.listen_only, wanted and wanted.on_channel(number))
             for bus, number, connect in zip(config.buses, numbers, connects, strict=True)
         ]
         self._links = BusLinks(named, self._tell)
         self._out = numbers.index(config.output.channel)
         listens = len(config.buses) > 1 or any(not address.mask & SOURCE for address in config.addresses.values())
-        mapped = read_addresses(config.database, config.inputs, config.addresses)
         self._origins = OriginWatch(mapped)
         messages = [MappedMessage(*key, message.length, message.length) for key, message in mapped.items()]
         self._traffic = TrafficWatch(messages, self._tell)
@@ -110,7 +114,7 @@ class Service:
         self.finishing = False
         self._rotate = False
         self._t_us: int | None = None
-        self._were_up: list[bool] = []
+        self._were: list[dict[str, Any]] = []  # what is known of each bus alone while it is open
         self._mute: list[str] = []
         self._status = StatusShares()
         told = {given.quantity for given in config.inputs}
@@ -182,6 +186,7 @@ class Service:
 
     def run(self, duration_s: float | None = None) -> Summary:
         """Serve until `stop`, or for ``duration_s``; the log is closed afterwards."""
+        gc.freeze()  # what is there stays; to look through it for garbage takes a tenth of a second
         began_s, began_cpu_s = time.monotonic(), time.thread_time()
         until_s = began_s + duration_s if duration_s is not None else float("inf")
         self._systemd.ready()
@@ -198,7 +203,9 @@ class Service:
             seconds, cpu_s = now_s - began_s, time.thread_time() - began_cpu_s
         finally:
             self._systemd.stopping()
-            self._were_up = [link.up for link in self._links.links]
+            self._were = [
+                {"open": link.up, "times": link.times, "filtered": link.filtered} for link in self._links.links
+            ]
             self._mute = self._links.mute
             self._links.close()
             self.finishing = True
@@ -209,6 +216,7 @@ class Service:
                 self._pass_on_news()
                 self._recorder.close()
                 self._pass_on_news()
+            gc.unfreeze()
         return self._summary(seconds, cpu_s)
 
     def _take(self, frames: Frames, late: bool) -> None:
@@ -289,7 +297,8 @@ class Service:
         if away := self._links.away:
             return f"waiting for {' and '.join(away)}"
         if self._traffic.mapped:
-            return "estimating" + self._output_state()
+            lost = self._links.counts.dropped
+            return "estimating" + self._output_state() + (f", {lost} frames lost by the kernel" if lost else "")
         return "no mapped frame yet" if self.received else "no frame yet"
 
     def _output_state(self) -> str:
@@ -331,6 +340,13 @@ class Service:
         encoder, maps = self._output_encoder(), self._maps.encoder()
         return Publisher(encoder, link, self._tell, maps, silence_s, live=not self._patient)
 
+    def _wanted(self, mapped: Iterable[tuple[str, Address]]) -> Wanted:
+        """Return the frames that are needed when frames are not logged: what is mapped, and what we send."""
+        sent = set(self._output_encoder().can_ids.values()) if self._config.output.enabled else set()
+        if sent and (maps := self._maps.encoder()) is not None:
+            sent |= maps.periods_s.keys()
+        return Wanted([address for _, address in mapped], sent)
+
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)
 
@@ -354,10 +370,11 @@ class Service:
             link=self._links.counts,
             buses=[
                 {
-                    **{"name": bus.name, "number": bus.number, "open": up, "listen_only": bus.listen_only},
+                    **{"name": bus.name, "number": bus.number, "listen_only": bus.listen_only},
+                    **was,
                     **asdict(link.counts),
                 }
-                for bus, link, up in zip(self._links.buses, self._links.links, self._were_up, strict=True)
+                for bus, link, was in zip(self._links.buses, self._links.links, self._were, strict=True)
             ],
             log=self._log.counts if self._log is not None else None,
             health=health_counts(self._chain.health),
