@@ -74,10 +74,16 @@ class Chain:
         self._few = FEW // max(self._decoder.most_per_frame, 1)  # frames, for whose samples there is always room
 
     def warm_up(self) -> None:
-        """Compile everything, or load it where it is compiled already."""
+        """Compile everything, or load it where it is compiled already, and find it once: no frame waits for it."""
         warm_up(self._config.settings)
         for width in (8, 64):
             self._decoder.decode(Frames.empty(0, width))
+        if self._smoother is not None:
+            return
+        for estimator in self._fed().values():
+            estimator.feed_inbox(0)  # few samples take another way than many, as health does
+            _ = estimator.health
+        self.packed(self.state())
 
     def feed(self, frames: Frames) -> Estimates:
         """Return the estimates that became due with ``frames``."""

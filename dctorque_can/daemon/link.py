@@ -12,7 +12,9 @@ import can
 
 from dctorque_can.daemon.background import finished, in_background, settle
 from dctorque_can.daemon.error_frames import ErrorFrames
+from dctorque_can.daemon.kernel_filter import KernelFilter, Wanted
 from dctorque_can.daemon.opening import BusError, DamagedLineError, close_bus, open_bus, reason
+from dctorque_can.daemon.pace import Pace
 from dctorque_can.daemon.reception import NOTHING, Receiver, receiver_of
 from dctorque_can.daemon.sender import Sender, is_full
 from dctorque_can.daemon.silence import SilenceWatch, nothing_came
@@ -26,7 +28,6 @@ LONGEST_BACKOFF_S = 5.0
 OPEN_S = 10.0
 CLOSE_S = 0.5
 REFUSAL_S = 1.0  # without any frame that could be sent: told
-REST_S = 0.001  # from one look at a busy bus to the next: what comes meanwhile is taken together
 
 
 @dataclass
@@ -68,19 +69,26 @@ class BusLink:
         connect: opens the bus, e.g. a partial of `open_bus`.
         tell: is told what happens, in one line: ``tell(is_error, text)``.
         listen_only: send nothing, ever: there is not even a `Sender`.
+        wanted: frames that are needed, where the kernel can leave out the others; None: all.
     """
 
     def __init__(
-        self, connect: Callable[[], can.BusABC], tell: Callable[[bool, str], None], listen_only: bool = False
+        self,
+        connect: Callable[[], can.BusABC],
+        tell: Callable[[bool, str], None],
+        listen_only: bool = False,
+        wanted: Wanted | None = None,
     ) -> None:
         self.counts = LinkCounts()
+        self._wanted = wanted
+        self._filter: KernelFilter | None = None
         self._listen_only = listen_only
         self._connect = connect
         self._tell = tell
         self._bus: can.BusABC | None = None
         self._receiver: Receiver | None = None
         self._dropped = 0  # of those that the receiver tells, so many are counted
-        self._look_again_s = 0.0
+        self._pace = Pace()
         self._sender: Sender | None = None
         self._opening: Future[can.BusABC] | None = None
         self._closing: Future[None] | None = None
@@ -96,6 +104,16 @@ class BusLink:
     def up(self) -> bool:
         """Whether the bus is open."""
         return self._bus is not None
+
+    @property
+    def times(self) -> str:
+        """Whose the times of the frames are: "kernel", or "interface"; "" while the bus is away."""
+        return "" if self._receiver is None else self._receiver.times
+
+    @property
+    def filtered(self) -> bool:
+        """Whether the kernel leaves out frames that nobody needs: they are in no count."""
+        return self._filter is not None and self._filter.used
 
     @property
     def mute(self) -> str | None:
@@ -128,14 +146,12 @@ class BusLink:
     def receive(self, timeout_s: float) -> Frames:
         """Return the messages that wait, or wait for the first up to ``timeout_s``; none while the bus is away.
 
-        A message that follows a silence comes at once. On a busy bus there is a rest of `REST_S` from one look to
-        the next, since to wake up for each message costs more than all that is done with it.
+        A message comes at once, unless so many come that there is a rest from one look to the next (`Pace`).
 
         The columns are only valid until the next call.
         """
-        rest_s = self._look_again_s - time.monotonic()
-        if rest_s > 0 and self._bus is not None:
-            time.sleep(min(rest_s, REST_S))
+        if self._bus is not None:
+            self._pace.rest()
         return self.look(timeout_s)
 
     def look(self, timeout_s: float) -> Frames:
@@ -162,7 +178,7 @@ class BusLink:
 
     def _count(self, frames: Frames) -> None:
         now_s = time.monotonic()
-        self._look_again_s = now_s + REST_S if len(frames) < MOST else now_s
+        self._pace.looked(now_s, full=len(frames) >= MOST)
         if not self._lost_by_sending:
             self._backoff_s = FIRST_BACKOFF_S
         self.counts.received += len(frames)
@@ -171,6 +187,8 @@ class BusLink:
         self.counts.bus_offs += bus_offs
         if errors < len(frames):
             self._silence.heard(now_s, self._name())
+            if self._filter is not None:
+                self._filter.heard(frames, now_s)
         else:
             self._quiet(now_s)
         if self._receiver is not None and self._receiver.dropped != self._dropped:
@@ -178,12 +196,15 @@ class BusLink:
 
     def _count_dropped(self, dropped: int) -> None:
         new, self._dropped = (dropped - self._dropped) % (1 << 32), dropped  # the kernel counts in 32 bits
-        if not self.counts.dropped:
+        before = self.counts.dropped
+        self.counts.dropped += new
+        if not before:
             self._tell(
                 True,
                 f"{new} frames of {self._name()} were not fetched in time and lost; others will only be counted",
             )
-        self.counts.dropped += new
+        elif self.counts.dropped.bit_length() > before.bit_length():
+            self._tell(True, f"{self.counts.dropped} frames of {self._name()} in all were not fetched in time")
 
     def send(self, message: can.Message) -> bool:
         """Send; false when the bus does not take it. A bus that blocks is not waited for."""
@@ -247,6 +268,8 @@ class BusLink:
             self._tell(True, f"no frame could be sent for {REFUSAL_S:g} s on {self._name()}: {reason(error)}")
 
     def _quiet(self, now_s: float) -> None:
+        if self._filter is not None:
+            self._filter.quiet(now_s)
         self.counts.silences += self._silence.quiet(now_s, self._name(), self.counts.error_frames)
 
     def _name(self) -> str:
@@ -291,6 +314,7 @@ class BusLink:
         except Exception as error:
             raise BusError(f"the bus cannot be opened: {reason(error)}") from error
         self._receiver, self._dropped = receiver_of(self._bus), 0
+        self._filter = None if self._wanted is None else KernelFilter(self._bus, self._wanted)
         self._sender = None if self._listen_only else Sender(self._bus)
 
     def _reopen(self, timeout_s: float) -> bool:

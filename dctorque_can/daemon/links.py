@@ -10,7 +10,9 @@ from dataclasses import dataclass, fields
 
 import can
 
-from dctorque_can.daemon.link import REST_S, BusError, BusLink, LinkCounts
+from dctorque_can.daemon.kernel_filter import Wanted
+from dctorque_can.daemon.link import BusError, BusLink, LinkCounts
+from dctorque_can.daemon.pace import Pace
 from dctorque_can.daemon.reception import NOTHING
 from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.pipeline.frames import Frames
@@ -31,12 +33,14 @@ class NamedBus:
         number: of its channel.
         connect: opens it.
         listen_only: nothing may be sent on it.
+        wanted: frames that are needed; None: all.
     """
 
     name: str
     number: int
     connect: Callable[[], can.BusABC]
     listen_only: bool = False
+    wanted: Wanted | None = None
 
 
 class BusLinks:
@@ -57,10 +61,11 @@ class BusLinks:
         self._tell = tell
         several = len(buses) > 1
         self.links = [
-            BusLink(bus.connect, _named(bus.name, tell) if several else tell, bus.listen_only) for bus in buses
+            BusLink(bus.connect, _named(bus.name, tell) if several else tell, bus.listen_only, bus.wanted)
+            for bus in buses
         ]
         self._held = NOTHING
-        self._look_again_s = 0.0
+        self._pace = Pace()
         self._offsets_us: list[int | None] = [None] * len(buses)  # time of the frames less the steady clock
         self._apart_since_s: float | None = None
         self._apart_told = False
@@ -123,15 +128,13 @@ class BusLinks:
             frames = self.links[0].receive(timeout_s)
             frames.channel[:] = self.buses[0].number
             return frames
-        rest_s = self._look_again_s - time.monotonic()
-        if rest_s > 0:
-            time.sleep(min(rest_s, REST_S))
+        self._pace.rest()
         parts = self._look(set())
         if not len(self._held) and not any(map(len, parts)):
             parts = self._look(self._wait(timeout_s))
         if not len(self._held) and not any(map(len, parts)):
             return NOTHING
-        self._look_again_s = time.monotonic() + (0.0 if any(len(part) >= MOST for part in parts) else REST_S)
+        self._pace.looked(time.monotonic(), full=any(len(part) >= MOST for part in parts))
         return self._merged(parts)
 
     def _look(self, ready: set[int]) -> list[Frames]:

@@ -43,6 +43,7 @@ LONGEST_RETRY_S = 300.0
 OPEN_TIMEOUT_S = 30.0
 SLOW_S = 5.0  # that long a log is waited for that is not needed
 CLOSE_TIMEOUT_S = 30.0
+END_S = 0.5  # that long a process is waited for that has closed the log
 _MOST_DEATHS = 5  # of a log that was begun, without a confirmation: it may be what it is handed that kills it
 _MOST_POINTS = 20  # that are not confirmed: each has a copy of the state
 
@@ -200,28 +201,42 @@ class LogProcess:
         if self._process is None and (self._unconfirmed or len(self._waiting) > 1):
             self.counts.restarts += 1  # it has died: there is time for another one
             self._start()
-        process = self._process
-        while self._waiting and process is not None and self._process is process and time.monotonic() < limit:
-            assert process.stdin is not None
-            select.select([], [process.stdin], [], 0.1)
-            self.pump()
-        if process is not None and self._process is process:
-            assert process.stdin is not None
-            with suppress(BrokenPipeError):  # a writer that is dead already has its frames counted below
-                process.stdin.close()
-            try:
-                process.wait(max(limit - time.monotonic(), 0.1))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-            self._read_reports(to_the_end=True)
-            self._forget()
+        if self._process is not None:
+            self._finish(self._process, limit)
         self._drop_everything()
         while self._recovery.cuts and time.monotonic() < limit:
             self._look_at_recovery()
             time.sleep(0.01)
         self._look_at_recovery()
         self._recovery.end()
+
+    def _finish(self, process: subprocess.Popen[bytes], limit: float) -> None:
+        """Wait until the log is closed; the process itself may take longer, to wait for the disk or to end."""
+        assert process.stdin is not None
+        assert process.stdout is not None
+        end = self._last_number
+        with suppress(BrokenPipeError):  # a writer that is dead already has its frames counted below
+            while end in self._points and process.poll() is None and time.monotonic() < limit:
+                select.select([process.stdout], [process.stdin] if self._waiting else [], [], 0.1)
+                self._write()
+                self._read_reports()
+        self._read_reports(to_the_end=process.poll() is not None)
+        if end not in self._points:
+            self._let_end(process)
+        elif process.poll() is not None:
+            self._died()
+        else:
+            process.kill()
+            process.wait()
+            self._read_reports(to_the_end=True)
+            self._forget()
+
+    def _let_end(self, process: subprocess.Popen[bytes]) -> None:
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self.news.append((True, "the log is closed, but the disk has not taken all of it yet"))
+        self._forget()
 
     def _start(self) -> None:
         try:

@@ -102,7 +102,7 @@ class LogWorker:
             self._reach(number, age_s=time.monotonic() - received_s)
         elif kind == Kind.END:
             self.ended = True
-            self._close()
+            self._close(settle=False)  # the service waits
             self._reach(read_end(body))
         else:
             self._write(kind, body)
@@ -184,9 +184,10 @@ class LogWorker:
         except DctorqueError as error:
             self._give_up(str(error))
 
-    def _close(self) -> None:
+    def _close(self, settle: bool = True) -> None:
         self._flush()
-        self._disk.settle()
+        if settle:
+            self._disk.settle()
         if self._log is None:
             return
         try:
@@ -246,9 +247,11 @@ def main() -> None:
                 worker.take(kind, body, now_s)
         if worker is not None:
             worker.keep_time(now_s)
+        if worker is not None and worker.ended:
+            os._exit(0)  # all is written and told; to take Python down would take longer
         if chunk == b"":
             break
-    if worker is not None and not worker.ended:
+    if worker is not None:
         path = worker.finish()
         _say(f"dctorque: the service is gone; all that it handed over is in {path}, which is closed")
 

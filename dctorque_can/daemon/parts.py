@@ -46,10 +46,11 @@ class Parts:
     reloads: Mapping[str, int]
 
     def buses_json(self) -> list[dict[str, Any]]:
-        """Return each bus: its name, the number of its channel, whether it is open, its counters."""
+        """Return each bus: name, number of its channel, whether it is open, whose its times are, its counters."""
         return [
             {
                 **{"name": bus.name, "number": bus.number, "open": link.up, "listen_only": bus.listen_only},
+                **{"times": link.times, "filtered": link.filtered},
                 **asdict(link.counts),
             }
             for bus, link in zip(self.links.buses, self.links.links, strict=True)

@@ -19,9 +19,11 @@ class Receiver(Protocol):
 
     Attributes:
         dropped: frames that were dropped before the service could fetch them, as far as the system tells.
+        times: whose the times of the frames are: "kernel", or "interface": what python-can's driver says.
     """
 
     dropped: int
+    times: str
 
     def receive(self, timeout_s: float) -> Frames:
         """Return what waits, `MOST` frames at most, or wait for the first up to ``timeout_s``.
@@ -41,6 +43,7 @@ class MessageReceiver:
     """
 
     dropped = 0  # python-can does not say
+    times = "interface"
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus

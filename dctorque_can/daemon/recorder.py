@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,32 +27,48 @@ from dctorque_can.pipeline.frames import Frames
 
 BATCH_FRAMES = 512
 BATCH_S = 0.05
+NOTHING = Frames.empty()
 
 
 class FrameBuffer:
     """Columns that fill up frame by frame without any allocation."""
 
     def __init__(self, capacity: int) -> None:
-        self._columns = Frames.empty(capacity, 64)
+        self._narrow = Frames.empty(capacity, 8)
+        self._wide = replace(self._narrow, data=np.zeros((capacity, 64), np.uint8))
+        self._columns = self._narrow
         self._capacity = capacity
-        self._width = 8
         self.count = 0
 
     def add(self, frames: Frames) -> Frames:
         """Take as many frames as fit and return the rest."""
-        taken = min(len(frames), self._capacity - self.count)
-        rows = slice(self.count, self.count + taken)
-        columns, width = self._columns, frames.data.shape[1]
-        columns.t_us[rows] = frames.t_us[:taken]
-        columns.can_id[rows] = frames.can_id[:taken]
-        columns.length[rows] = frames.length[:taken]
-        columns.flags[rows] = frames.flags[:taken]
-        columns.channel[rows] = frames.channel[:taken]
-        columns.data[rows, :width] = frames.data[:taken]
-        columns.data[rows, width:] = 0
-        self._width = max(self._width, width)
-        self.count += taken
-        return frames[taken:]
+        n = len(frames)
+        taken = min(n, self._capacity - self.count)
+        if taken < n:
+            self._copy(frames[:taken])
+            return frames[taken:]
+        self._copy(frames)
+        return NOTHING
+
+    def _copy(self, frames: Frames) -> None:
+        end = self.count + len(frames)
+        rows, width = slice(self.count, end), frames.data.shape[1]
+        if width > 8 and self._columns is self._narrow:
+            self._columns = self._wide
+            self._wide.data[: self.count, :8] = self._narrow.data[: self.count]
+            self._wide.data[: self.count, 8:] = 0
+        columns = self._columns
+        columns.t_us[rows] = frames.t_us
+        columns.can_id[rows] = frames.can_id
+        columns.length[rows] = frames.length
+        columns.flags[rows] = frames.flags
+        columns.channel[rows] = frames.channel
+        if columns is self._narrow:
+            columns.data[rows] = frames.data
+        else:
+            columns.data[rows, :width] = frames.data
+            columns.data[rows, width:] = 0
+        self.count = end
 
     @property
     def full(self) -> bool:
@@ -61,11 +78,8 @@ class FrameBuffer:
     def take(self) -> Frames:
         """Return everything and start anew; the columns are only valid until the next `add`."""
         frames = self._columns[: self.count]
-        narrow = Frames(
-            frames.t_us, frames.can_id, frames.length, frames.flags, frames.channel, frames.data[:, : self._width]
-        )
-        self.count, self._width = 0, 8
-        return narrow
+        self.count, self._columns = 0, self._narrow
+        return frames
 
 
 class Recorder:

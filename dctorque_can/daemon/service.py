@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import can
@@ -25,6 +26,7 @@ from dctorque_can.daemon.belief_watch import BeliefWatch
 from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
+from dctorque_can.daemon.kernel_filter import Wanted
 from dctorque_can.daemon.latency import Latency
 from dctorque_can.daemon.links import BusLinks, NamedBus
 from dctorque_can.daemon.listening import remark
@@ -46,7 +48,7 @@ from dctorque_can.daemon.traffic_watch import TrafficWatch
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE
-from dctorque_can.pipeline.frames import SOURCE, FrameFlag, Frames
+from dctorque_can.pipeline.frames import SOURCE, Address, FrameFlag, Frames
 from dctorque_can.pipeline.samples import Quantity
 
 __all__ = ["Service", "Summary"]  # all that one needs for a run
@@ -93,14 +95,15 @@ class Service:
         self._maps = MapKeeper(config, self._tell)
         self._chain = Chain(config, maps=self._maps.maps)
         numbers = [bus.number or 0 for bus in config.buses]
+        mapped = read_addresses(config.database, config.inputs, config.addresses)
+        wanted = None if plan is not None and config.logging.frames else self._wanted(mapped)
         named = [
-            NamedBus(str(bus), number, connect, bus.listen_only)
+            NamedBus(str(bus), number, connect, bus.listen_only, wanted and wanted.on_channel(number))
             for bus, number, connect in zip(config.buses, numbers, connects, strict=True)
         ]
         self._links = BusLinks(named, self._tell)
         self._out = numbers.index(config.output.channel)
         listens = len(config.buses) > 1 or any(not address.mask & SOURCE for address in config.addresses.values())
-        mapped = read_addresses(config.database, config.inputs, config.addresses)
         self._origins = OriginWatch(mapped)
         messages = [MappedMessage(*key, message.length, message.length) for key, message in mapped.items()]
         self._traffic = TrafficWatch(messages, self._tell)
@@ -220,6 +223,7 @@ class Service:
 
     def run(self, duration_s: float | None = None) -> Summary:
         """Serve until `stop`, or for ``duration_s``; the log is closed afterwards."""
+        gc.freeze()  # what is there stays; to look through it for garbage takes a tenth of a second
         began_s, began_cpu_s = time.monotonic(), time.thread_time()
         until_s = began_s + duration_s if duration_s is not None else float("inf")
         self._systemd.ready()
@@ -249,6 +253,7 @@ class Service:
                 self._pass_on_news()
             if self._live is not None:
                 self._live.process.close()
+            gc.unfreeze()
         return Summary.of(
             self._parts,
             seconds,
@@ -357,7 +362,8 @@ class Service:
         if away := self._links.away:
             return f"waiting for {' and '.join(away)}"
         if self._traffic.mapped:
-            return "estimating" + self._output_state()
+            lost = self._links.counts.dropped
+            return "estimating" + self._output_state() + (f", {lost} frames lost by the kernel" if lost else "")
         return "no mapped frame yet" if self.received else "no frame yet"
 
     def _output_state(self) -> str:
@@ -398,6 +404,13 @@ class Service:
         silence_s = self._config.output.foreign_silence_s
         encoder, maps = self._output_encoder(), self._maps.encoder()
         return Publisher(encoder, link, self._tell, maps, silence_s, live=not self._patient)
+
+    def _wanted(self, mapped: Iterable[tuple[str, Address]]) -> Wanted:
+        """Return the frames that are needed when frames are not logged: what is mapped, and what we send."""
+        sent = set(self._output_encoder().can_ids.values()) if self._config.output.enabled else set()
+        if sent and (maps := self._maps.encoder()) is not None:
+            sent |= maps.periods_s.keys()
+        return Wanted([address for _, address in mapped], sent)
 
     def _output_encoder(self) -> OutputEncoder:
         return OutputEncoder(self._config.output.database, self._config.output.ids)

@@ -52,7 +52,10 @@ class SocketcanReceiver:
 
     Attributes:
         dropped: frames that the kernel has dropped since they were not fetched in time (``SO_RXQ_OVFL``).
+        times: see `reception.Receiver`.
     """
+
+    times = "kernel"
 
     def __init__(self, bus: SocketcanBus) -> None:
         self.dropped = 0

@@ -11,9 +11,8 @@ import numpy as np
 from can.typechecking import Channel
 from can.util import channel2int
 
-from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, ID_MASK, FrameFlag, Frames
 
-ID_MASK = 0x1FFF_FFFF
 _PACKS = {width: struct.Struct(f"=qIBBBx{width}s").pack for width in (8, 64)}
 _PACK_DATA = {width: struct.Struct(f"={width}s").pack_into for width in (8, 64)}
 _ROW_NAMES = ("t_us", "can_id", "length", "flags", "channel", "data")

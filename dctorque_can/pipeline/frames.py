@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 EXTENDED_ID = 0x8000_0000  # set in ``can_id`` for 29-bit identifiers, as SocketCAN does
 
+ID_MASK = 0x1FFF_FFFF  # of a 29-bit identifier
 EVERY_BIT = 0xFFFF_FFFF
 
 # An identifier of SAE J1939-21: priority 3 bits, parameter group number 18, source address 8. The last byte of the

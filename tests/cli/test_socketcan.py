@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import can
@@ -19,14 +20,15 @@ import cantools
 import numpy as np
 import pytest
 
-from dctorque_can.daemon.link import open_bus
+from dctorque_can.daemon.kernel_filter import OPEN_S, Wanted
+from dctorque_can.daemon.link import BusLink, open_bus
 from dctorque_can.daemon.reception import receiver_of
 from dctorque_can.daemon.socketcan import SocketcanReceiver
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES
 from dctorque_can.logs.messages import frames_from_messages
 from dctorque_can.logs.reader import open_log
-from dctorque_can.pipeline.frames import FrameFlag, Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, Address, FrameFlag, Frames, group_mask
 from dctorque_can.resources import shipped_config, shipped_dbc
 
 pytestmark = pytest.mark.socketcan
@@ -234,6 +236,45 @@ def test_frames_that_do_not_fit_into_the_buffer_are_counted() -> None:
         car.send(can.Message(arbitration_id=0x100, data=bytes(8), is_extended_id=False))  # the next one says it
         assert len(receiver.receive(HANG_S)) == 1
     assert receiver.dropped == 200 - received > 0
+
+
+def test_the_kernel_leaves_out_what_is_not_wanted_while_mapped_frames_come() -> None:
+    """Of 29 bits by parameter group, from every source; error frames always; and all, once nothing passes."""
+    group, ours, other = 0x18FEF100, 0x6F0, 0x400
+    wanted = Wanted([Address(0x100), Address(group | EXTENDED_ID, group_mask(group | EXTENDED_ID))], {ours})
+    told: list[str] = []
+    connect = partial(open_bus, {"interface": "socketcan", "channel": "vcan0", "receive_own_messages": False})
+    link = BusLink(connect, lambda is_error, text: told.append(text), wanted=wanted)
+    link.open()
+
+    def heard(car: can.BusABC, *messages: can.Message) -> list[int]:
+        """Return what is received of some frames and of a mapped one behind them, but for that."""
+        for message in (*messages, can.Message(arbitration_id=group | 0x17)):
+            car.send(message)
+        found: list[int] = []
+        while not found or found[-1] != group | 0x17 | EXTENDED_ID:
+            found += link.receive(1.0).can_id.tolist()
+        return found[:-1]
+
+    def standard(can_id: int, **more: bool) -> can.Message:
+        return can.Message(arbitration_id=can_id, data=bytes(8), is_extended_id=False, **more)
+
+    with can.Bus("vcan0", "socketcan") as car:
+        assert heard(car, standard(other)) == [other]  # nothing mapped has come before
+        frames = [standard(other), can.Message(arbitration_id=0x100), standard(ours), standard(0x100)]
+        assert heard(car, *frames, standard(4, is_error_frame=True)) == [ours, 0x100, 4]
+        assert link.filtered
+        until_s = time.monotonic() + 1.5 * OPEN_S
+        while time.monotonic() < until_s:
+            assert len(link.receive(0.1)) == 0
+        car.send(standard(other))
+        while not len(frames_now := link.receive(1.0)):
+            pass
+        assert frames_now.can_id.tolist() == [other]
+    assert link.counts.silences == 0
+    assert len(told) == 1
+    assert "error frames" in told[0]
+    link.close()
 
 
 def test_the_daemon_survives_a_bus_that_goes_down_and_comes_back(start, inject) -> None:

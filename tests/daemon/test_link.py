@@ -11,8 +11,9 @@ import can
 import pytest
 
 from dctorque_can.daemon import link as link_module
-from dctorque_can.daemon import opening, sender, spin
-from dctorque_can.daemon.link import REST_S, BusError, BusLink, open_bus
+from dctorque_can.daemon import opening, pace, sender, spin
+from dctorque_can.daemon.link import BusError, BusLink, open_bus
+from dctorque_can.daemon.pace import REST_S, SPARE_LOOKS
 from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.daemon.spin import SPIN_RETURNS, SPIN_S, raise_on_spin
 
@@ -48,6 +49,7 @@ class Bus:
 @pytest.fixture(autouse=True)
 def _on_the_clock(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(link_module, "time", clock)
+    monkeypatch.setattr(pace, "time", clock)
     monkeypatch.setattr(sender, "PATIENCE_S", 900.0)  # what a bus says is known, however busy the machine
 
 
@@ -210,18 +212,33 @@ def test_an_error_behind_a_message_takes_nothing_away() -> None:
 
 
 def test_a_busy_bus_is_looked_at_once_a_millisecond_and_a_quiet_one_at_once(clock: Clock) -> None:
-    link, _ = make(Bus([MESSAGE, None, MESSAGE, None, *[MESSAGE] * MOST, MESSAGE, None]))
+    free = 1 + SPARE_LOOKS
+    looks = free + 20
+    link, _ = make(Bus([*[MESSAGE, None] * looks, *[MESSAGE] * MOST, MESSAGE, None]))
     link.open()
     began_s = clock.now_s
-    assert len(link.receive(1.0)) == 1
-    assert clock.now_s == began_s  # nobody waited before
-    clock.now_s += 0.25 * REST_S
-    assert len(link.receive(1.0)) == 1
-    assert clock.now_s - began_s == pytest.approx(REST_S)
+    for _ in range(free):  # a few that come close together
+        assert len(link.receive(1.0)) == 1
+    assert clock.now_s == began_s
+    for _ in range(looks - free):
+        clock.now_s += 0.25 * REST_S
+        assert len(link.receive(1.0)) == 1
+    assert clock.now_s - began_s == pytest.approx((looks - free) * REST_S)
     clock.now_s += 5.0
+    before_s = clock.now_s
     assert len(link.receive(1.0)) == MOST
     assert len(link.receive(1.0)) == 1
-    assert clock.now_s - began_s == pytest.approx(REST_S + 5.0)  # a whole batch: more waits behind it
+    assert clock.now_s == before_s  # a whole batch: more waits behind it
+
+
+def test_a_silence_earns_a_few_looks_and_no_more(clock: Clock) -> None:
+    link, _ = make(Bus([MESSAGE, None] * 40))
+    link.open()
+    clock.now_s += 60.0
+    began_s = clock.now_s
+    for _ in range(40):
+        assert len(link.receive(1.0)) == 1
+    assert clock.now_s - began_s == pytest.approx((40 - 1 - SPARE_LOOKS) * REST_S)
 
 
 def test_a_bus_that_cannot_be_opened_is_one_clear_error() -> None:

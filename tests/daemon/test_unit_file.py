@@ -120,3 +120,15 @@ def test_systemd_finds_nothing_to_complain_of(tmp_path: Path) -> None:
         (tmp_path / f"{UNIT}.d").mkdir(exist_ok=True)
         shutil.copy(TOOLS / drop_in, tmp_path / f"{UNIT}.d")
     assert analyse("verify", str(unit)) == ""
+
+
+def test_what_runs_in_real_time_is_the_service_alone() -> None:
+    """Neither the log writer, which it starts, nor compiling beforehand; and the kernel's own comes first."""
+    text = (TOOLS / "dctorque-realtime.conf").read_text()
+    unit = dict(line.split("=", 1) for line in text.splitlines() if "=" in line and not line.startswith("#"))
+    assert unit["CPUSchedulingPolicy"] == "fifo"
+    assert 1 <= int(unit["CPUSchedulingPriority"]) < 50  # threaded interrupts have 50
+    assert unit["CPUSchedulingResetOnFork"] == "yes"
+    ordinary = service_section("dctorque@.service")["ExecStartPre"].removeprefix("-")
+    assert unit["ExecStartPre"] == f"-/usr/bin/chrt --reset-on-fork --other 0 {ordinary}"
+    assert text.index("\nExecStartPre=\n") < text.index("\nExecStartPre=-")  # the unit's own is taken back first

@@ -77,7 +77,9 @@ class ChunkedFile:
         self._blocks: list[tuple[bytes, NDArray[np.uint16], NDArray[np.uint64], NDArray[np.uint64]]] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks: list[ChunkIndex] = []
+        self._index: list[bytes] = []  # of each chunk, ready to be written: nothing is left to be done at the end
+        self._first_ns: int | None = None
+        self._last_ns = 0
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = defaultdict(int)
@@ -206,19 +208,20 @@ class ChunkedFile:
         start = self.size
         chunk_length = self._write_record(chunk)
         index_offsets = self._write_message_index(channels, log_times, offsets)
-        self._chunks.append(
-            ChunkIndex(
-                message_start_time=chunk.message_start_time,
-                message_end_time=chunk.message_end_time,
-                chunk_start_offset=start,
-                chunk_length=chunk_length,
-                message_index_offsets=index_offsets,
-                message_index_length=self.size - start - chunk_length,
-                compression=self._compression,
-                compressed_size=len(packed),
-                uncompressed_size=len(data),
-            )
+        index = ChunkIndex(
+            message_start_time=chunk.message_start_time,
+            message_end_time=chunk.message_end_time,
+            chunk_start_offset=start,
+            chunk_length=chunk_length,
+            message_index_offsets=index_offsets,
+            message_index_length=self.size - start - chunk_length,
+            compression=self._compression,
+            compressed_size=len(packed),
+            uncompressed_size=len(data),
         )
+        self._index.append(_encoded([index]))
+        first_ns, self._last_ns = chunk.message_start_time, max(self._last_ns, chunk.message_end_time)
+        self._first_ns = first_ns if self._first_ns is None else min(self._first_ns, first_ns)
 
     def _write_message_index(
         self, channels: NDArray[np.uint16], log_times: NDArray[np.uint64], offsets: NDArray[np.uint64]
@@ -249,19 +252,18 @@ class ChunkedFile:
         self._file.close()
 
     def _write_summary(self) -> None:
-        groups: list[tuple[Opcode, list[McapRecord]]] = [
-            (Opcode.SCHEMA, list(self._schemas.values())),
-            (Opcode.CHANNEL, list(self._channels.values())),
-            (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, list(self._chunks)),
-            (Opcode.ATTACHMENT_INDEX, list(self._attachments)),
-            (Opcode.METADATA_INDEX, list(self._metadata)),
+        groups = [
+            (Opcode.SCHEMA, _encoded(self._schemas.values())),
+            (Opcode.CHANNEL, _encoded(self._channels.values())),
+            (Opcode.STATISTICS, _encoded([self._statistics()])),
+            (Opcode.CHUNK_INDEX, b"".join(self._index)),
+            (Opcode.ATTACHMENT_INDEX, _encoded(self._attachments)),
+            (Opcode.METADATA_INDEX, _encoded(self._metadata)),
         ]
         start = end = self.size
         blocks: list[bytes] = []
         offsets: list[McapRecord] = []
-        for opcode, records in groups:
-            block = _encoded(records)
+        for opcode, block in groups:
             if block:
                 offsets.append(SummaryOffset(group_opcode=opcode, group_start=end, group_length=len(block)))
             blocks.append(block)
@@ -275,10 +277,10 @@ class ChunkedFile:
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunks),
+            chunk_count=len(self._index),
             message_count=sum(self._counts.values()),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
+            message_start_time=self._first_ns or 0,
+            message_end_time=self._last_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )

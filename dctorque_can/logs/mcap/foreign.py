@@ -20,11 +20,11 @@ from mcap.records import Channel, Schema
 
 from dctorque_can.logs.mcap.compression import DamagedRecordError
 from dctorque_can.logs.mcap.layout import MESSAGE_HEAD, RECORD_HEAD
+from dctorque_can.pipeline.frames import ID_MASK
 
 CAN_FRAME = "can_msgs/Frame"
 OUR_FD_FRAME = "dctorque_msgs/FdFrame"
 SOCKETCAN_FD_FRAME = "ros2_socketcan_msgs/FdFrame"
-_ID_MASK = 0x1FFF_FFFF
 _ROLES = {
     "id": ("id", "can_id", "canid", "arbitration_id", "arbitrationid", "identifier", "address", "addr"),
     "data": ("data", "payload", "bytes"),
@@ -141,7 +141,7 @@ def _frame(
 ) -> can.Message:
     return can.Message(
         timestamp=seconds,
-        arbitration_id=number & _ID_MASK,
+        arbitration_id=number & ID_MASK,
         is_extended_id=extended,
         is_remote_frame=remote,
         is_error_frame=error,

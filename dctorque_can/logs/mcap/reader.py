@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dctorque_can.logs.columns import FrameColumns
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.compression import DamagedRecordError
-from dctorque_can.logs.mcap.file import Lost, McapFile
+from dctorque_can.logs.mcap.file import McapFile
 from dctorque_can.logs.mcap.foreign import (
     CAN_FRAME,
     OUR_FD_FRAME,
@@ -37,11 +37,9 @@ from dctorque_can.logs.mcap.records import (
     count_frames,
     count_messages,
     gather,
-    messages_end,
     read_frames,
-    record_end,
-    skip_unknown,
 )
+from dctorque_can.logs.mcap.spans import message_spans
 from dctorque_can.logs.mcap.table import Table, unpack_stamp
 from dctorque_can.logs.messages import ChannelNumbers, frames_from_messages
 from dctorque_can.pipeline.frames import Frames
@@ -182,32 +180,6 @@ class McapFrames:
 def bus_of_topic(topic: str) -> str:
     """Return the topic of frames without who sent them and of which kind they are."""
     return topic.removesuffix("/sent").removesuffix("/tx").removesuffix("/fd")
-
-
-def message_spans(file: McapFile, records: NDArray[np.uint8], cut: bool = False) -> Iterator[tuple[int, int]]:
-    """Yield where in ``records`` messages stand in a row; definitions between them go to ``file``.
-
-    A record that can not be whole ends them, and what is lost is noted, unless they are known to be ``cut`` off.
-    """
-    position = 0
-    while position < len(records):
-        end = int(messages_end(records, position))
-        if end > position:
-            yield position, end
-        position = int(skip_unknown(records, end))
-        if position > end or position == len(records):
-            continue
-        after = int(record_end(records, position))
-        if after < 0:
-            if not cut:
-                lost = len(records) - position
-                file.lost.append(Lost(file.position, lost, "in the chunk before it a record is damaged"))
-            break
-        try:
-            file.definitions.learn(records[position:after].tobytes())
-        except DamagedRecordError as error:
-            file.lost.append(Lost(file.position, 0, f"in the chunk before it: {error}"))
-        position = after
 
 
 def read_table(path: Path | str, table: Table | str) -> NDArray[np.void]:

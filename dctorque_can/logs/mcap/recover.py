@@ -13,8 +13,8 @@ from dctorque_can.logs.errors import LogWriteError
 from dctorque_can.logs.mcap.chunks import ChunkedFile
 from dctorque_can.logs.mcap.file import McapFile
 from dctorque_can.logs.mcap.layout import MESSAGE_HEAD, RECORD_HEAD
-from dctorque_can.logs.mcap.reader import message_spans
 from dctorque_can.logs.mcap.records import renumber
+from dctorque_can.logs.mcap.spans import message_spans
 
 _SMALLEST = RECORD_HEAD + MESSAGE_HEAD
 

@@ -33,8 +33,7 @@ from dctorque_can.logs.mcap.layout import (
     message_record,
 )
 from dctorque_can.logs.mcap.table import CDR_LITTLE_ENDIAN, Table, log_times, pack_stamp
-from dctorque_can.logs.messages import ID_MASK
-from dctorque_can.pipeline.frames import EXTENDED_ID, FrameFlag, Frames
+from dctorque_can.pipeline.frames import EXTENDED_ID, ID_MASK, FrameFlag, Frames
 
 _FRAME_RECORD = message_record(FRAME)
 _FD_FRAME_RECORD = message_record(FD_FRAME)
