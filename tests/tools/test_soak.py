@@ -155,10 +155,10 @@ class FakeRun:
     def __init__(self, soaking):
         life = soaking("service").Life
         first = life(0, 100, 0, 0.0, ended_s=100.0, ending="SIGKILL", killed="everything", fetched=1000)
-        second = life(1, 101, 1200, 103.0, ended_s=1203.0, ending="SIGTERM", code=0, summary={}, fetched=2000)
+        second = life(1, 101, 1200, 103.0, ended_s=1803.0, ending="SIGTERM", code=0, summary={}, fetched=2000)
         event = soaking("run").Event("kill -9 of everything", 0, 100.0, 100.0, 1000, 1000, "", 5.0, 5.5)
         sample = soaking("service").Sample
-        samples = [sample(103.0 + t, 1, 101, "service", 100_000, 12) for t in range(0, 1100, 2)]
+        samples = [sample(103.0 + t, 1, 101, "service", 100_000, 12) for t in range(0, 1700, 2)]
         self.service = SimpleNamespace(lives=[first, second], samples=samples)
         self.events, self.crashes = [event], []
         self.bus = SimpleNamespace(untaken=200, longest_late_s=lambda from_s, to_s: 0.0)

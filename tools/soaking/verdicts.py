@@ -15,8 +15,8 @@ from .service import Sample
 
 HANDED_OVER_MS = 50.0  # of the service alone, docs/operations.md
 NEW_WRITER_S = 10.0  # at most, until a new log process has confirmed something
-WARM_UP_S = 60.0
-JUDGED_S = 540.0
+WARM_UP_S = 300.0  # in which each kind of fault comes for the first time
+JUDGED_S = 1200.0
 MOST_MB_PER_HOUR = 1.0
 CODES = (0, 3)
 NOT_FETCHED = "were not fetched in time and lost"
