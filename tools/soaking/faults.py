@@ -169,8 +169,8 @@ def kill_log_process(stage: Stage) -> str:
 
 
 def new_log(stage: Stage) -> str:
-    os.kill(stage.service.life.pid, signal.SIGHUP)
-    return "SIGHUP"
+    os.kill(stage.service.life.pid, signal.SIGUSR1)
+    return "SIGUSR1"
 
 
 def disk_full(stage: Stage) -> str:
