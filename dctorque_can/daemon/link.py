@@ -201,7 +201,8 @@ class BusLink:
         if not before:
             self._tell(
                 True,
-                f"{new} frames of {self._name()} were not fetched in time and lost; others will only be counted",
+                f"{new} frames of {self._name()} were not fetched in time and lost; "
+                "others are counted, and told when there are twice as many",
             )
         elif self.counts.dropped.bit_length() > before.bit_length():
             self._tell(True, f"{self.counts.dropped} frames of {self._name()} in all were not fetched in time")

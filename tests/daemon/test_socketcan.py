@@ -227,17 +227,19 @@ def test_frames_that_the_kernel_dropped_are_counted() -> None:
     assert memory.frames(1, 7)[0] == 7  # it says so only where some were dropped
 
 
-def test_dropped_frames_are_told_once_and_counted(pair: Pair) -> None:
+def test_dropped_frames_are_counted_and_told_at_each_doubling(pair: Pair) -> None:
     told: list[str] = []
     link = BusLink(lambda: pair.bus, lambda is_error, text: told.append(text))
     link.open()
-    for dropped in (0, 3, 3, 10):
+    for dropped in (0, 2, 2, 3, 10, 11):
         link._receiver.dropped = dropped  # type: ignore[union-attr]
         pair.wire.send(FRAMES["standard"])
         assert len(link.receive(1.0)) == 1
-    assert link.counts.dropped == 10
+    assert link.counts.dropped == 11
     assert told == [
-        "3 frames of socketcan channel 'pair' were not fetched in time and lost; others will only be counted"
+        "2 frames of socketcan channel 'pair' were not fetched in time and lost; "
+        "others are counted, and told when there are twice as many",
+        "10 frames of socketcan channel 'pair' in all were not fetched in time",
     ]
 
 
