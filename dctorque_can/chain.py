@@ -102,6 +102,7 @@ class Chain:
         arrays: dict[str, NDArray[Any]] = {
             "messages": self._decoder.messages.copy(),
             "terms": self._decoder.terms.copy(),
+            "changes": self._decoder.changes.copy(),
         }
         values: dict[str, Any] = {}
         for name, estimator in self._fed().items():
@@ -135,6 +136,7 @@ class Chain:
         dtypes: dict[str, np.dtype[Any]] = {
             "messages": self._decoder.messages.dtype,
             "terms": self._decoder.terms.dtype,
+            "changes": self._decoder.changes.dtype,
         }
         for name in self._fed():
             dtypes |= {f"{name} memory": np.dtype(np.int64), f"{name} waiting": delays.SAMPLES}
@@ -154,7 +156,11 @@ class Chain:
             BadSnapshotError: it is not, and nothing has changed.
         """
         arrays = state.arrays
-        own = {"messages": self._decoder.messages, "terms": self._decoder.terms}
+        own = {
+            "messages": self._decoder.messages,
+            "terms": self._decoder.terms,
+            "changes": self._decoder.changes,
+        }
         for name, rows in own.items():
             if len(arrays[name]) != len(rows):
                 raise BadSnapshotError(f"its {name} are others")
@@ -228,6 +234,11 @@ class Chain:
         if self._smoother is None:
             raise ValueError("only a chain that was made to smooth can do so")
         return self._smoother.smoothed(progress)
+
+    @property
+    def messages(self) -> tuple[list[str], NDArray[np.void]]:
+        """The mapped messages: what people call them, and their `MESSAGE_STATE` rows, which `feed` changes."""
+        return self._decoder.names, self._decoder.messages
 
     @property
     def health(self) -> NDArray[np.void]:

@@ -25,7 +25,11 @@ from .clutch_maps.car import capacity, rows_of, samples_of
 KINDS: dict[str, dict[str, str]] = {
     "kalman": {},
     "oh2014": {"estimator.method": "oh2014"},
-    "delays": {"inputs.engine_speed.delay_ms": "20"},
+    "delays": {
+        "inputs.engine_speed.delay_ms": "20",
+        "inputs.engine_speed.max_rate": "3000",
+        "inputs.engine_torque.timeout_ms": "learned",
+    },
     "maps": {"clutch_map.enabled": "true"},
 }
 CUTS = 6
@@ -172,7 +176,7 @@ def test_damaged_bytes_are_refused_with_one_line() -> None:
     """Bytes exchanged, lost and added: the checksum finds them all; with a new checksum the rest does or not."""
     config, found = moments("maps")
     rng = np.random.default_rng(1)
-    chain = Chain(config)
+    chain, other = Chain(config), Chain(config)
     content = found[2][2]
     head = len(b"dctorque state 1\n") + 65
     for n in range(300):
@@ -188,7 +192,10 @@ def test_damaged_bytes_are_refused_with_one_line() -> None:
         assert "\n" not in why
         body = bytes(damaged[head:])
         again = b"dctorque state 1\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
-        assert "\n" not in Chain(config).restore(again)
+        why = other.restore(again)
+        assert "\n" not in why
+        if not why:
+            other = Chain(config)
 
 
 @pytest.mark.parametrize("kind", KINDS)

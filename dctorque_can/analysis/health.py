@@ -15,8 +15,17 @@ from dctorque_can.pipeline.samples import Input, Quantity
 from dctorque_can.plausibility.findings import key_of, sentences
 
 COUNTERS = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
-FAULTS = ("not_available", "out_of_range", "bad_length", "bad_crc", "bad_counter", "timeouts")
-"""Why a value was not used, each counted for each quantity."""
+FAULTS = (
+    "not_available",
+    "out_of_range",
+    "bad_length",
+    "bad_crc",
+    "bad_counter",
+    "not_believed",
+    "bad_rate",
+    "timeouts",
+)
+"""Why samples were not used, as fields of `HEALTH`, and how often inputs went stale."""
 _NAMES = [(int(quantity), quantity.name.lower()) for quantity in Quantity]
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
 _OF_SPEEDS = (

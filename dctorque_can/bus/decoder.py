@@ -9,7 +9,14 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-from dctorque_can.bus.decoder_memory import decode_batch, decoder_memory, message_states, term_states
+from dctorque_can.bus.addresses import read_addresses
+from dctorque_can.bus.decoder_memory import (
+    change_states,
+    decode_batch,
+    decoder_memory,
+    message_states,
+    term_states,
+)
 from dctorque_can.bus.layout import MAX_BYTES
 from dctorque_can.bus.problems import InputError, input_problems, shared_frames
 from dctorque_can.bus.tables import build_tables
@@ -36,7 +43,8 @@ class Decoder:
       NOT_AVAILABLE.
     * The alive counter may step by 1..max_counter_delta. A repeated counter is rejected. After a larger step,
       which is rejected too, the next step counts from there. After the shortest timeout of its inputs without any
-      frame that passes the CRC, a message may go on with any counter.
+      frame that passes the CRC, a message may go on with any counter. A counter that had time to run past half of
+      its modulus is a larger step, whatever it shows.
     * A raw value that is listed as not available, is missing in `Term.values`, or is NaN or infinite gives
       NOT_AVAILABLE; the latest usable value of the term stays.
     * A multiplexed signal gives a sample only in frames whose multiplexers select it.
@@ -47,6 +55,9 @@ class Decoder:
       older than its own timeout, gives NOT_AVAILABLE, and so does a division by zero.
     * An input with a `Validity` is NOT_AVAILABLE while that has not told, for its own timeout, that it is valid.
     * A frame with one value out of range is not trusted at all: every quantity of it is OUT_OF_RANGE.
+    * A protected message of which many frames are bad is not believed (`belief`): its right frames are
+      NOT_BELIEVED until several follow each other. A repeated counter does not count there.
+    * A value that has changed by more than `Input.most_per_s` is BAD_RATE until several agree.
 
     The result does not depend on how the frames are cut into batches. Making a decoder compiles the loop, or loads
     it from disk, so that the first frame is as quick as the next.
@@ -63,6 +74,7 @@ class Decoder:
 
     Attributes:
         most_per_frame: so many samples a frame may give.
+        names: of the messages that are read, in the order of `messages`; with the channel where one is told.
     """
 
     def __init__(
@@ -78,6 +90,10 @@ class Decoder:
             raise InputError(problems)
         tables = build_tables(database, inputs, protections, addresses)
         self._memory = decoder_memory(tables)
+        self.names = [
+            name if address.channel is None else f"{name} (channel {address.channel})"
+            for name, address in read_addresses(database, inputs, addresses or {})
+        ]
         self.most_per_frame = int(tables.messages["n_pairs"].max(initial=0))
         standard = np.flatnonzero(tables.standard >= 0)
         self._can_ids = frozenset(map(int, (*standard, *tables.extended["can_id"], *tables.groups["can_id"])))
@@ -96,13 +112,21 @@ class Decoder:
 
     @property
     def messages(self) -> NDArray[np.void]:
-        """`MESSAGE_STATE` ``[n]``, a row for each message that is read: all that changes beside the `terms`."""
+        """`MESSAGE_STATE` ``[n]``, a row for each message that is read, in the order of `names`.
+
+        It is all that changes, beside the `terms` and the `changes`.
+        """
         return message_states(self._memory)
 
     @property
     def terms(self) -> NDArray[np.void]:
         """`TERM_STATE` ``[n]``, a row for each term of an input."""
         return term_states(self._memory)
+
+    @property
+    def changes(self) -> NDArray[np.void]:
+        """`CHANGE_STATE` ``[n]``, a row for each input."""
+        return change_states(self._memory)
 
     def decode(self, frames: Frames) -> Samples:
         """Return the samples of the frames, in their order.

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.bus.loop import MESSAGE_STATE, SCRATCH, TERM_STATE, decode_frames
+from dctorque_can.bus.belief import CHANGE_STATE
+from dctorque_can.bus.frame_check import MESSAGE_STATE
+from dctorque_can.bus.loop import SCRATCH, TERM_STATE, decode_frames
 from dctorque_can.bus.packing import packed
 from dctorque_can.bus.tables import CONDITION, EXTENDED, FIELD, GROUP, INPUT, MESSAGE, RAW, TERM, DecoderTables
 from dctorque_can.compiled import compiled
@@ -18,6 +20,7 @@ def decoder_memory(tables: DecoderTables) -> NDArray[np.int64]:
         *(tables.terms, tables.conditions, tables.fields, tables.raws),
         np.zeros(len(tables.messages), MESSAGE_STATE),
         np.zeros(len(tables.terms), TERM_STATE),
+        np.zeros(len(tables.inputs), CHANGE_STATE),
         np.zeros(1, SCRATCH),
     )
 
@@ -30,6 +33,11 @@ def message_states(memory: NDArray[np.int64]) -> NDArray[np.void]:
 def term_states(memory: NDArray[np.int64]) -> NDArray[np.void]:
     """Return the `TERM_STATE` rows in the memory of a decoder."""
     return memory[memory[11] : memory[12]].view(TERM_STATE)
+
+
+def change_states(memory: NDArray[np.int64]) -> NDArray[np.void]:
+    """Return the `CHANGE_STATE` rows in the memory of a decoder."""
+    return memory[memory[12] : memory[13]].view(CHANGE_STATE)
 
 
 @compiled
@@ -67,7 +75,8 @@ def decode_batch(
         memory[memory[9] : memory[10]].view(RAW),
         memory[memory[10] : memory[11]].view(MESSAGE_STATE),
         memory[memory[11] : memory[12]].view(TERM_STATE),
-        memory[memory[12] : memory[13]].view(SCRATCH),
+        memory[memory[12] : memory[13]].view(CHANGE_STATE),
+        memory[memory[13] : memory[14]].view(SCRATCH),
         out_t_us,
         out_quantity,
         out_value,

@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dctorque_can.bus.belief import doubt_jumps, worst_of
+from dctorque_can.bus.frame_check import judge_frame
 from dctorque_can.bus.layout import Coding
-from dctorque_can.bus.protection import constants_hold, payload_checksum
+from dctorque_can.bus.raw_bits import lies_within, read_bits
 from dctorque_can.bus.tables import N_STANDARD_IDS
 from dctorque_can.compiled import compiled_without_allocation
 from dctorque_can.pipeline.frames import FrameFlag
 from dctorque_can.pipeline.samples import SampleStatus
-
-MESSAGE_STATE = np.dtype([("counter", "i8"), ("t_us", "i8"), ("synchronised", "b1")], align=True)
-"""Alive counter of a message: the last one, when a frame with a correct CRC was last seen."""
 
 TERM_STATE = np.dtype([("value", "f8"), ("t_us", "i8"), ("known", "b1")], align=True)
 """Latest value of a term, SI."""
@@ -29,9 +28,6 @@ SCRATCH = np.dtype(
 OK = int(SampleStatus.OK)
 NOT_AVAILABLE = int(SampleStatus.NOT_AVAILABLE)
 OUT_OF_RANGE = int(SampleStatus.OUT_OF_RANGE)
-BAD_LENGTH = int(SampleStatus.BAD_LENGTH)
-BAD_CRC = int(SampleStatus.BAD_CRC)
-BAD_COUNTER = int(SampleStatus.BAD_COUNTER)
 UNSIGNED, SIGNED, FLOAT32 = int(Coding.UNSIGNED), int(Coding.SIGNED), int(Coding.FLOAT32)
 IGNORED = int(FrameFlag.REMOTE | FrameFlag.ERROR | FrameFlag.SENT)
 
@@ -80,41 +76,6 @@ def _message_of(
 
 
 @compiled_without_allocation
-def _read_bits(data: NDArray[np.uint8], i: int, field: Any) -> np.uint64:
-    """Return the raw bits of a signal.
-
-    Bounds: `layout_problem` holds every field to its message; of a frame that is shorter than its message, the
-    caller has asked `_lies_within` whether the field is there.
-    """
-    byte = field.lsb_byte
-    bits = np.uint64(data[i, byte]) >> field.shift
-    position = np.uint64(8) - field.shift
-    for _ in range(field.n_bytes - 1):
-        byte += field.step
-        bits |= np.uint64(data[i, byte]) << position
-        position += np.uint64(8)
-    return bits & field.mask  # type: ignore[no-any-return]
-
-
-@compiled_without_allocation
-def _read_parts(
-    data: NDArray[np.uint8], i: int, low: int, high: int, low_bits: np.uint64, fields: Table
-) -> np.uint64:
-    """Return a number in two signals: ``low_bits`` of it in ``low``, those above in ``high``, -1 for none."""
-    bits = _read_bits(data, i, fields[low])
-    if high >= 0:
-        bits |= _read_bits(data, i, fields[high]) << low_bits
-    return bits
-
-
-@compiled_without_allocation
-def _lies_within(field: Any, there: int) -> bool:
-    """Return whether all bytes of a signal are among the first ``there`` ones."""
-    first = field.lsb_byte
-    return max(first, first + field.step * (field.n_bytes - 1)) < there  # type: ignore[no-any-return]
-
-
-@compiled_without_allocation
 def find_raw(raws: Table, first: int, n: int, bits: np.uint64) -> int:
     """Return the row of ``raws`` with these bits, -1 for none; ``first`` and ``n`` are those of a table's row."""
     for row in range(first, first + n):
@@ -124,63 +85,13 @@ def find_raw(raws: Table, first: int, n: int, bits: np.uint64) -> int:
 
 
 @compiled_without_allocation
-def _check_frame(
-    t_us: int,
-    there: int,
-    data: NDArray[np.uint8],
-    i: int,
-    message: Any,
-    state: Any,
-    fields: Table,
-    raws: Table,
-) -> int:
-    """Return the status of a frame as a whole, and renew the counter of its message.
-
-    ``there`` are the bytes of the frame that there are. A frame shorter than its message is as good as another,
-    unless it lacks the counter or a byte that its CRC covers.
-
-    The counter may step by 1..max_counter_delta. A repeated one is rejected. A larger step is rejected too, but
-    the next step is measured from there. After a silence of the message's timeout (or a step of the clock that
-    large) any counter is accepted. Silence means: no frame with a correct CRC, so a sender that repeats one
-    frame for ever is never accepted again.
-    """
-    if there < message.length:
-        if message.crc_bits > 0:
-            return BAD_LENGTH
-        if message.counter_field >= 0 and not _lies_within(fields[message.counter_field], there):
-            return BAD_LENGTH
-        if message.counter_high_field >= 0 and not _lies_within(fields[message.counter_high_field], there):
-            return BAD_LENGTH
-    counter = np.int64(0)
-    if message.counter_field >= 0:
-        low, high = message.counter_field, message.counter_high_field
-        counter = np.int64(_read_parts(data, i, low, high, message.counter_low_bits, fields))
-    if message.crc_bits > 0:
-        sent = _read_parts(data, i, message.crc_field, message.crc_high_field, message.crc_low_bits, fields)
-        if payload_checksum(data, i, message, counter, raws) != sent or not constants_hold(data, i, message, raws):
-            return BAD_CRC
-    if message.counter_field < 0:
-        return OK
-    if counter >= message.counter_modulus:
-        return BAD_COUNTER
-    resynchronise = not state.synchronised or abs(t_us - state.t_us) >= message.timeout_us
-    step = (counter - state.counter) % message.counter_modulus
-    state.t_us = t_us
-    state.counter = counter
-    state.synchronised = True
-    if resynchronise or 1 <= step <= message.max_counter_delta:
-        return OK
-    return BAD_COUNTER
-
-
-@compiled_without_allocation
 def _is_selected(
     data: NDArray[np.uint8], i: int, term: Any, conditions: Table, fields: Table, raws: Table
 ) -> bool:
     """Return whether the multiplexers of a signal select it in this frame."""
     for k in range(term.first_condition, term.first_condition + term.n_conditions):
         condition = conditions[k]
-        bits = _read_bits(data, i, fields[condition.field])
+        bits = read_bits(data, i, fields[condition.field])
         if find_raw(raws, condition.first_raw, condition.n_raws, bits) < 0:
             return False
     return True
@@ -190,7 +101,7 @@ def _is_selected(
 def _selectors_lie_within(there: int, term: Any, conditions: Table, fields: Table) -> bool:
     """Return whether all multiplexers of a signal are among the first ``there`` bytes of a frame."""
     for k in range(term.first_condition, term.first_condition + term.n_conditions):
-        if not _lies_within(fields[conditions[k].field], there):
+        if not lies_within(fields[conditions[k].field], there):
             return False
     return True
 
@@ -220,7 +131,7 @@ def _renew_term(
     scratch: Any,
 ) -> int:
     """Read one signal; only a usable value changes the state. Return its status."""
-    bits = _read_bits(data, i, fields[term.field])
+    bits = read_bits(data, i, fields[term.field])
     if find_raw(raws, term.first_not_available, term.n_not_available, bits) >= 0:
         return NOT_AVAILABLE
     if term.n_values > 0:
@@ -261,7 +172,7 @@ def _renew_beside(
     if told and not _is_selected(data, i, term, conditions, fields, raws):
         return OK
     status = NOT_AVAILABLE
-    if told and (whole or _lies_within(fields[term.field], there)):
+    if told and (whole or lies_within(fields[term.field], there)):
         status = _renew_term(t_us, data, i, term, state, fields, raws, scratch)
     if status != OK:
         state.known = False
@@ -316,6 +227,7 @@ def decode_frames(
     raws: Table,
     message_states: Table,
     term_states: Table,
+    change_states: Table,
     scratch: Table,
     out_t_us: NDArray[np.int64],
     out_quantity: NDArray[np.uint8],
@@ -347,7 +259,8 @@ def decode_frames(
         first = n
         there = min(np.int64(length[i]), data.shape[1])
         whole = there >= message.length
-        frame_status = _check_frame(t_us[i], there, data, i, message, message_states[m], fields, raws)
+        belief = message_states[m]
+        frame_status = judge_frame(t_us[i], there, data, i, message, belief, fields, raws)
         for pair in range(message.first_pair, message.first_pair + message.n_pairs):
             given = inputs[pairs[pair]]
             status, value, renewed = frame_status, 0.0, frame_status != OK
@@ -359,7 +272,7 @@ def decode_frames(
                     if told and not _is_selected(data, i, terms[k], conditions, fields, raws):
                         continue
                     renewed = True
-                    if not told or not (whole or _lies_within(fields[terms[k].field], there)):
+                    if not told or not (whole or lies_within(fields[terms[k].field], there)):
                         status = max(status, NOT_AVAILABLE)
                     else:
                         term_status = _renew_term(
@@ -396,4 +309,7 @@ def decode_frames(
         if n > first:
             out_last[n - 1] = True
             _reject_whole_frame(first, n, out_value, out_status)
+            samples = out_quantity, out_value, out_status
+            doubt_jumps(first, n, t_us[i], message, pairs, inputs, change_states, *samples)
+        belief.counts[worst_of(first, n, frame_status, out_status)] += 1
     return n

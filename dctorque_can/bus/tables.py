@@ -62,6 +62,8 @@ INPUT = np.dtype(
         ("divides", "b1"),
         ("validity", "i8"),  # the term that says whether it is valid, the last one; -1: none
         ("validity_timeout_us", "i8"),
+        ("most_per_s", "f8"),  # infinite: it may change by anything
+        ("resolution", "f8"),
     ],
     align=True,
 )
@@ -172,7 +174,8 @@ def build_tables(
         valid = (-1, 0)
         if each.validity is not None:
             valid = len(rows.terms) - 1, each.validity.timeout_us
-        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor, *valid))
+        change = (each.most_per_s, each.resolution)
+        rows.inputs.append((int(each.quantity), first, len(each.terms), *bounds, *factor, *valid, *change))
     protection_of = {protection.message: protection for protection in protections}
     in_order = sorted(range(len(inputs)), key=lambda k: inputs[k].quantity)
     for m, (name, address) in enumerate(read):

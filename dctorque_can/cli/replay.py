@@ -74,6 +74,7 @@ def replay(
             from dctorque_can.logs.reader import open_log
             from dctorque_can.offline.replay import ReplayContent, ReplayTargets, replay_logs
             from dctorque_can.report.clutch_map_lines import map_lines
+            from dctorque_can.report.message_lines import message_lines
             from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
         if output is not None:
@@ -117,7 +118,7 @@ def replay(
             say(learned_of_speeds(result.health["speeds"]))
         for line in hint_lines(result.health["hints"]):
             say(line)
-        for line in map_lines(result.clutch_map):
+        for line in (*map_lines(result.clutch_map), *message_lines(result.messages)):
             say(line)
         if player is not None:
             say(f"{player.sent} frames sent, {player.failed} not taken")

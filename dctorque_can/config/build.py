@@ -41,6 +41,7 @@ from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.protection import ProtectionSection
 from dctorque_can.config.section import S, absent, nearest, sound_parts, validate
 from dctorque_can.config.signals import (
+    LEARNED,
     ClutchStateSection,
     CommandSection,
     DirectionSection,
@@ -234,7 +235,8 @@ def _shared_signal(section: GearsFromSignals) -> GearSignalSection:
     one, two = section.shaft1, section.shaft2
     both = [*one.values.items(), *two.values.items()]
     values = dict(sorted(both, key=lambda item: item[1] != 0))  # what comes later counts
-    timeout_ms, delay_ms = min(one.timeout_ms, two.timeout_ms), min(one.delay_ms, two.delay_ms)
+    given = [each.timeout_ms for each in (one, two) if each.timeout_ms != LEARNED]
+    timeout_ms, delay_ms = min(given, default=LEARNED), min(one.delay_ms, two.delay_ms)
     return one.model_copy(update={"values": values, "timeout_ms": timeout_ms, "delay_ms": delay_ms})
 
 

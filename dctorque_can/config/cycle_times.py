@@ -16,6 +16,8 @@ def note_missing_cycle_times(document: Document, entries: Sequence[InputEntry]) 
     known = 0
     for entry in entries:
         for term, period in zip(entry.input.terms, entry.periods_ms, strict=True):
+            if entry.input.learns_timeout:
+                continue
             if period is None:
                 timeouts.setdefault(term.message, set()).add(entry.input.timeout_us / 1000)
             else:

@@ -13,7 +13,7 @@ from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.bus.problems import input_problems, shared_frames
 from dctorque_can.config.dbc_signal import can_be_negative
 from dctorque_can.config.document import Document
-from dctorque_can.config.inputs import ANY, PLAUSIBLE
+from dctorque_can.config.input_limits import InputLimits
 from dctorque_can.config.problems import KeyPath, dotted
 from dctorque_can.config.protection import ProtectionSection
 from dctorque_can.config.section import nearest
@@ -25,13 +25,23 @@ from dctorque_can.config.signals import (
     FlagSection,
     GearSignalSection,
     InputSection,
+    InputTimeout,
     ShiftFlagSection,
     SpeedSection,
     TermSection,
 )
 from dctorque_can.config.units import DIMENSIONS, Dimension, UnitError, factor_to_si, same_unit, share_of
 from dctorque_can.pipeline.frames import Address
-from dctorque_can.pipeline.samples import Input, Multiplier, Protection, Quantity, Signs, Term, Validity
+from dctorque_can.pipeline.samples import (
+    LONGEST_LEARNED_US,
+    Input,
+    Multiplier,
+    Protection,
+    Quantity,
+    Signs,
+    Term,
+    Validity,
+)
 
 SAYS_NOT_AVAILABLE = ("not available", "notavailable", "sna", "invalid", "no value", "fault", "error")
 
@@ -109,14 +119,20 @@ class InputBuilder:
             factors.append(factor)
         if factored is not None and factored.has_unit:
             factors = [factored.factor]
-        lowest, highest = self._range(path, section, quantity, factors)
-        timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
+        limits = InputLimits(path, section, quantity, factors, self._wheel_radius_m, self._complain)
+        lowest, highest = limits.range()
+        timeout, learned, delay = *_timeout(section.timeout_ms), _us(section.delay_ms)
         signs = self._signs(path, section, [*terms, *([] if factored is None else [factored.multiplier.term])])
         multiplier = None if factored is None else factored.multiplier
         valid = self._validity(path, section, section.channel)
-        given = Input(quantity, tuple(terms), lowest, highest, timeout, delay, signs, multiplier, valid)
+        resolution = self._resolution(terms)
+        if factored is not None and factored.has_unit:
+            resolution *= max(abs(lowest), abs(highest))  # of a share
+        change = limits.most_per_s(), resolution
+        bounds = lowest, highest, timeout
+        given = Input(quantity, tuple(terms), *bounds, delay, signs, multiplier, valid, *change, learned)
         if factored is None:
-            self._append(path, given, units, self._resolution(terms))
+            self._append(path, given, units, given.resolution)
         else:
             self._append(path, given, units, multiplier_unit=factored.unit)
 
@@ -137,9 +153,10 @@ class InputBuilder:
             }
             terms.append(Term(message, signal, 1.0 / len(names), values=known, channel=section.channel))
         lowest, highest = min(values.values()), max(values.values())
-        timeout, delay = _us(section.timeout_ms), _us(section.delay_ms)
+        timeout, learned, delay = *_timeout(section.timeout_ms), _us(section.delay_ms)
         valid = self._validity(path, section, section.channel)
-        given = Input(quantity, tuple(terms), float(lowest), float(highest), timeout, delay, validity=valid)
+        bounds = float(lowest), float(highest), timeout
+        given = Input(quantity, tuple(terms), *bounds, delay, validity=valid, learns_timeout=learned)
         self._append(path, given, [""] * len(terms))
 
     def protect(self, path: KeyPath, message: str, section: ProtectionSection) -> Protection:
@@ -361,29 +378,6 @@ class InputBuilder:
         self._complain(path, f"{key!r} is not in the value table of {name}{has}")
         return []
 
-    def _range(
-        self, path: KeyPath, section: InputSection, quantity: Quantity, factors: list[float]
-    ) -> tuple[float, float]:
-        if section.range is None or section.range[0] >= section.range[1]:
-            return PLAUSIBLE.get(quantity, ANY)
-        factor = factors[0]
-        if any(other != factor for other in factors):
-            if section.unit is None:
-                self._complain(
-                    (*path, "range"), "the signals have different units: give the unit of the range as unit:"
-                )
-                return ANY
-            try:
-                factor = factor_to_si(
-                    section.unit,
-                    DIMENSIONS[quantity],
-                    wheel_radius_m=self._wheel_radius_m,
-                    reference_nm=section.reference_nm,
-                )
-            except UnitError as error:
-                self._complain((*path, "unit"), str(error))
-        return section.range[0] * factor, section.range[1] * factor
-
     def _complain(self, path: KeyPath, reason: str, suggestions: Iterable[str] = ()) -> None:
         hint = " or ".join(suggestions)
         self._document.problems.append(
@@ -392,6 +386,11 @@ class InputBuilder:
 
     def _warn(self, path: KeyPath, reason: str) -> None:
         self._document.problems.append(self._document.problem(path, reason, warning=True))
+
+
+def _timeout(timeout_ms: InputTimeout) -> tuple[int, bool]:
+    """Return a timeout in µs, and whether it is only the longest that can be learned."""
+    return (LONGEST_LEARNED_US, True) if isinstance(timeout_ms, str) else (_us(timeout_ms), False)
 
 
 def _us(milliseconds: float) -> int:

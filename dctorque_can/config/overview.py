@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isinf
 from typing import Any
 
 from dctorque_can.bus.addresses import read_addresses
 from dctorque_can.config.input_builder import InputEntry
 from dctorque_can.config.load import Config
 from dctorque_can.config.problems import Problem
+from dctorque_can.config.signals import LEARNED
 from dctorque_can.estimators.methods import Method
 from dctorque_can.pipeline.frames import EVERY_BIT, EXTENDED_ID, SOURCE, group_mask
 from dctorque_can.pipeline.samples import SPEEDS, Quantity, Signs
@@ -119,8 +121,9 @@ def _row(entry: InputEntry, config: Config) -> dict[str, Any]:
         "valid_if": _validity(entry),
         "minimum": entry.input.minimum,
         "maximum": entry.input.maximum,
+        "most_per_s": None if isinf(entry.input.most_per_s) else entry.input.most_per_s,
         "period_ms": max(periods) if periods else None,
-        "timeout_ms": entry.input.timeout_us / 1000,
+        "timeout_ms": LEARNED if entry.input.learns_timeout else entry.input.timeout_us / 1000,
         "delay_ms": entry.input.delay_us / 1000,
         "sign": _sign(entry),
         "protection": kinds,

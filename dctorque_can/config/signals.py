@@ -12,6 +12,8 @@ from dctorque_can.config.problems import KeyPath
 from dctorque_can.config.section import Section
 from dctorque_can.config.vehicle import gear_number
 
+LEARNED = "learned"  # of a timeout: from how often the input comes
+LONGEST_MS = 60_000
 _SIGNAL = re.compile(r"^[A-Za-z_]\w*\.[A-Za-z_]\w*$")
 
 
@@ -25,6 +27,13 @@ def _raw_key(key: Any) -> Any:
     if isinstance(key, bool) or not isinstance(key, int | str):
         raise ValueError("must be a raw value (whole number) or a name of the DBC's value table")
     return key
+
+
+def _timeout(value: Any) -> Any:
+    is_time = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= LONGEST_MS
+    if not is_time and value != LEARNED:
+        raise ValueError(f"must be greater than 0 and at most {LONGEST_MS}, or the word {LEARNED}")
+    return value
 
 
 def _gear(value: Any) -> Any:
@@ -44,7 +53,8 @@ SignalName = Annotated[str, AfterValidator(_signal_name)]
 RawKey = Annotated[int | str, BeforeValidator(_raw_key)]
 NotAvailable = Annotated[list[RawKey], BeforeValidator(_listed)]
 VALUE_TABLE = "value_table"  # among what is not available: all that the value table of the DBC names
-TimeoutMs = Annotated[float, Field(gt=0, le=60_000)]
+TimeoutMs = Annotated[float, Field(gt=0, le=LONGEST_MS)]
+InputTimeout = Annotated[float | Literal["learned"], BeforeValidator(_timeout)]
 DelayMs = Annotated[float, Field(ge=0, le=200)]
 DEFAULT_TIMEOUT_MS = 100.0
 
@@ -144,8 +154,10 @@ class InputSection(ConditionalSection):
     """Raw values, or names of the value table, that mean "no value", for every signal of a sum; or value_table."""
     range: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
     """[lowest, highest] plausible value in the input's unit; default: the plausible range of the quantity."""
-    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
-    """Age at which the input is stale, ms."""
+    max_rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Largest plausible change in the input's unit per second; default: any."""
+    timeout_ms: InputTimeout = DEFAULT_TIMEOUT_MS
+    """Age at which the input is stale, ms, or learned."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
     channel: ChannelNumber | None = None
@@ -215,8 +227,8 @@ class GearSignalSection(ConditionalSection):
         Field(min_length=1),
     ]
     """Raw value, or name of the DBC's value table, to gear: a number, neutral or reverse; others: no value."""
-    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
-    """Age at which the gear is stale, ms."""
+    timeout_ms: InputTimeout = DEFAULT_TIMEOUT_MS
+    """Age at which the gear is stale, ms, or learned."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
     channel: ChannelNumber | None = None
@@ -232,8 +244,8 @@ class ShiftFlagSection(ConditionalSection):
         dict[RawKey, Annotated[Literal["yes", "no"], BeforeValidator(_yes_or_no)]], Field(min_length=1)
     ]
     """Raw value, or name of the DBC's value table, to yes or no; others: no value."""
-    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
-    """Age at which the flag is stale, ms."""
+    timeout_ms: InputTimeout = DEFAULT_TIMEOUT_MS
+    """Age at which the flag is stale, ms, or learned."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
     channel: ChannelNumber | None = None
@@ -247,8 +259,8 @@ class ClutchStateSection(ConditionalSection):
     """Message.Signal, by the names of the DBC."""
     values: Annotated[dict[RawKey, Literal["open", "slipping", "closed"]], Field(min_length=1)]
     """Raw value, or name of the DBC's value table, to open, slipping or closed; others: no value."""
-    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
-    """Age at which the state is stale, ms."""
+    timeout_ms: InputTimeout = DEFAULT_TIMEOUT_MS
+    """Age at which the state is stale, ms, or learned."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
     channel: ChannelNumber | None = None
@@ -266,8 +278,8 @@ class DirectionSection(ConditionalSection):
     """Raw value, or name of the value table, to forward, backward, standstill or unknown; others: no value."""
     measured: bool = False
     """Whether wheels measure it; else it may come from the lever, until it tells a car that rolls against it."""
-    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
-    """Age at which the direction is stale, ms."""
+    timeout_ms: InputTimeout = DEFAULT_TIMEOUT_MS
+    """Age at which the direction is stale, ms, or learned."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
     channel: ChannelNumber | None = None
@@ -295,8 +307,8 @@ class FlagSection(ConditionalSection):
     """Message.Signal, by the names of the DBC."""
     values: Annotated[dict[RawKey, Literal["open", "closed"]], Field(min_length=1)]
     """Raw value, or name of the DBC's value table, to open or closed; others: no value."""
-    timeout_ms: TimeoutMs = DEFAULT_TIMEOUT_MS
-    """Age at which the flag is stale, ms."""
+    timeout_ms: InputTimeout = DEFAULT_TIMEOUT_MS
+    """Age at which the flag is stale, ms, or learned."""
     delay_ms: DelayMs = 0.0
     """Known time from the sample to its frame (filter, computing, gateway), ms."""
     channel: ChannelNumber | None = None

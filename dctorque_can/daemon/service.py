@@ -21,6 +21,7 @@ from dctorque_can.chain import Chain
 from dctorque_can.config.edges import CanSection
 from dctorque_can.config.load import Config
 from dctorque_can.daemon import socketcan
+from dctorque_can.daemon.belief_watch import BeliefWatch
 from dctorque_can.daemon.clock_watch import ClockWatch
 from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
@@ -110,6 +111,7 @@ class Service:
         self._publisher = self._make_publisher()
         self._clock = ClockWatch(config.settings.max_step_back_us, self._tell)
         self._stalls = StallWatch(self._tell)
+        self._beliefs = BeliefWatch(*self._chain.messages, self._tell)
         self._systemd = Systemd()
         self._stop = False
         self.compiling = False
@@ -120,18 +122,8 @@ class Service:
         self._status = StatusShares()
         self._latency = Latency()
         self._reloader = Reloader(reread, self._tell)
-        self._parts = Parts(
-            config,
-            self._chain,
-            self._links,
-            self._publisher,
-            self._log,
-            self._status,
-            self._stalls,
-            self._clock,
-            self._latency,
-            self._reloader.outcomes,
-        )
+        watches = (self._status, self._stalls, self._clock, self._latency, self._reloader.outcomes)
+        self._parts = Parts(config, self._chain, self._links, self._publisher, self._log, *watches)
         self._live = None if places is None else LiveStatus(StatusProcess(places, self._tell), self._parts)
         told = {given.quantity for given in config.inputs}
         self._transmission = TransmissionFigures() if Quantity.TRANSMISSION_TORQUE in told else None
@@ -269,6 +261,7 @@ class Service:
         if self._watches_origins and self._origins.take(frames) and self._origins_due_s is None:
             self._origins_due_s = now_s + ORIGINS_S
         estimates = self._chain.feed(frames)
+        self._beliefs.look()
         if len(estimates):
             self._status.count(estimates.rows["t_us"], estimates.rows["status"])
             if self._transmission is not None:

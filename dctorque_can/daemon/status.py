@@ -9,6 +9,7 @@ from typing import Any
 
 from dctorque_can import __version__
 from dctorque_can.analysis.health import COUNTERS, FAULTS, by_quantity, findings
+from dctorque_can.analysis.message_faults import message_faults
 from dctorque_can.analysis.origins import identifier_text
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES
 from dctorque_can.bus.addresses import at_term, read_addresses
@@ -95,6 +96,7 @@ class LiveStatus:
             "latency": parts.latency.as_json(),
             "status_time": parts.shares.time_as_json(),
             "messages": self._messages.as_json(parts.chain.told_us(), self._latest, now_s),
+            "message_faults": message_faults(*parts.chain.messages),
             "buses": parts.buses_json(),
             **parts.output_json(),
             "stalls": parts.stalls_json(),

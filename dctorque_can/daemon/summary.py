@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from dctorque_can.analysis.health import health_counts, never_received
+from dctorque_can.analysis.message_faults import message_faults
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES
 from dctorque_can.daemon.link import LinkCounts
 from dctorque_can.daemon.log_counts import LogCounts
@@ -40,6 +41,7 @@ class Summary:
         buses: each bus: its name, the number of its channel, whether it was open at the end, its counters.
         log: counters of the log, or None without one.
         health: counters of the estimator, see `health_counts`.
+        messages: what was wrong with the frames of each message, see `message_faults`.
         clutch_map: what was learned of the clutches by the end, None when they are not learned.
     """
 
@@ -62,6 +64,7 @@ class Summary:
     buses: list[dict[str, Any]]
     log: LogCounts | None
     health: dict[str, Any]
+    messages: dict[str, dict[str, Any]]
     clutch_map: dict[str, Any] | None = None
 
     @classmethod
@@ -81,6 +84,7 @@ class Summary:
             link=parts.links.counts,
             log=None if parts.log is None else parts.log.counts,
             health=health_counts(parts.chain.health),
+            messages=message_faults(*parts.chain.messages),
             **ends,
         )
 

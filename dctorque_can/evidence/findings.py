@@ -30,6 +30,10 @@ _WORDS = {
         "the counter of {share:.0%} of the frames does not step as told: look at counter_signal, counter_modulus "
         "and max_counter_delta; or frames are lost"
     ),
+    "not_believed": (
+        "{share:.0%} of the frames are right and not believed, since many others of their message are not"
+    ),
+    "bad_rate": "{share:.0%} of the values change faster than max_rate says: is that what this quantity can do?",
     "bad_length": "{share:.0%} of the frames are too short for the counter or checksum: does the DBC fit the car?",
     "out_of_range": (
         "{share:.0%} of the values are beyond the plausible range: look at unit, factor and offset, at "
@@ -40,7 +44,7 @@ _WORDS = {
         "a multiplier that is missing)"
     ),
 }
-_OF_THE_FRAME = ("bad_crc", "bad_counter", "bad_length")
+_OF_THE_FRAME = ("bad_crc", "bad_counter", "bad_length", "not_believed")
 
 Severity = Literal["error", "warning", "hint"]
 
@@ -151,7 +155,7 @@ def _periods(entries: Sequence[InputEntry], intervals: Mapping[str, Interval]) -
             if measured is None or measured.median_ms == 0.0:
                 continue
             usual = measured.longest_usual_ms
-            if timeout_ms < OFTEN_STALE * usual:
+            if not entry.input.learns_timeout and timeout_ms < OFTEN_STALE * usual:
                 text = (
                     f"{term.message} comes every {measured.median_ms:g} ms, with up to {usual:g} ms in between: "
                     f"after timeout_ms = {timeout_ms:g} it is stale"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.analysis.health import health_counts, never_received
+from dctorque_can.analysis.message_faults import message_faults
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES, StatusShares
 from dctorque_can.analysis.traffic import MappedMessage, Traffic
 from dctorque_can.analysis.transmission import TransmissionFigures
@@ -109,6 +110,7 @@ class ReplayResult:
         bus_seconds: time that the frames span; a step back of the clock takes nothing away.
         problems: what could not be read, one line each.
         health: counters of the estimator.
+        messages: what was wrong with the frames of each message, see `message_faults`.
         traffic: what the frames are.
         logs: what each log holds.
         clutch_map: what was learned of the clutches by the end, `None` when they are not learned.
@@ -129,6 +131,7 @@ class ReplayResult:
     bus_seconds: float
     problems: list[str]
     health: dict[str, Any]
+    messages: dict[str, dict[str, Any]]
     traffic: Traffic
     logs: list[Held]
     clutch_map: dict[str, Any] | None
@@ -218,6 +221,7 @@ def replay_logs(
         bus_seconds=replay.time.seconds,
         problems=[problem for reader in logs for problem in reader.problems],
         health=replay.health,
+        messages=replay.messages,
         traffic=replay.traffic,
         logs=held,
         clutch_map=replay.clutch_map,
@@ -303,6 +307,11 @@ class _Replay:
     def health(self) -> dict[str, Any]:
         """Counters of the estimator."""
         return health_counts(self._chain.health)
+
+    @property
+    def messages(self) -> dict[str, dict[str, Any]]:
+        """What was wrong with the frames of each message."""
+        return message_faults(*self._chain.messages)
 
     @property
     def never_received(self) -> list[str]:

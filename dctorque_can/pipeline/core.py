@@ -20,6 +20,7 @@ from dctorque_can.driveline.phases import ClutchPhase
 from dctorque_can.estimators import contract
 from dctorque_can.pipeline import delays, derived, direction, driving_shaft
 from dctorque_can.pipeline.decisions import decide_gears, decide_phases, follow_speeds, judge_speeds, mark_stale
+from dctorque_can.pipeline.intervals import learn_interval
 from dctorque_can.pipeline.parts import Parts, Records
 from dctorque_can.pipeline.rows import publish, report
 from dctorque_can.pipeline.samples import N_QUANTITIES, SampleStatus
@@ -30,7 +31,8 @@ LATEST_US = 2**60  # times beyond ±36 000 years are taken as this, so that diff
 
 _OK, _NOT_AVAILABLE = int(SampleStatus.OK), int(SampleStatus.NOT_AVAILABLE)
 _OUT_OF_RANGE, _BAD_LENGTH = int(SampleStatus.OUT_OF_RANGE), int(SampleStatus.BAD_LENGTH)
-_BAD_CRC = int(SampleStatus.BAD_CRC)
+_BAD_CRC, _NOT_BELIEVED = int(SampleStatus.BAD_CRC), int(SampleStatus.NOT_BELIEVED)
+_BAD_RATE = int(SampleStatus.BAD_RATE)
 
 
 @compiled_without_allocation
@@ -54,6 +56,10 @@ def count_sample(health: Any, quantity: int, status: int) -> None:
         health.bad_length[quantity] += 1
     elif status == _BAD_CRC:
         health.bad_crc[quantity] += 1
+    elif status == _NOT_BELIEVED:
+        health.not_believed[quantity] += 1
+    elif status == _BAD_RATE:
+        health.bad_rate[quantity] += 1
     else:
         health.bad_counter[quantity] += 1
 
@@ -130,6 +136,8 @@ def receive(p: Records, rules: Any, queue: Any, t_us: int, quantity: int, value:
         if status == _OK:
             samples.there[quantity] = True
             samples.value[quantity] = value
+            if rules.learns_timeout[quantity]:
+                learn_interval(core, quantity, queue.frame_us)
 
 
 @compiled_without_allocation
@@ -155,7 +163,7 @@ def take(p: Records, rules: Any, queue: Any, place: int, t_us: int) -> None:
     inputs.t_us = max(inputs.t_us, t_us)
     if place >= 0:
         keep_values(inputs, queue.waiting[place])
-    mark_stale(inputs, rules, health)
+    mark_stale(core, inputs, rules, health)
     direction.follow(core.direction, inputs, rules, answer)
     w_e = follow_speeds(inputs, answer)
     inputs.phases_believed = p.monitor.strong & CLUTCHES == 0

@@ -18,6 +18,7 @@ from dctorque_can.estimators.inputs import (
     wheel_speeds,
 )
 from dctorque_can.pipeline import one_gear
+from dctorque_can.pipeline.intervals import timeout_us
 from dctorque_can.pipeline.samples import N_QUANTITIES, Quantity
 from dctorque_can.pipeline.shaft_ratio import follow_ratio
 from dctorque_can.pipeline.thresholds import IMPLAUSIBLE_RATIO, IMPLAUSIBLE_TIME_US
@@ -108,10 +109,10 @@ def decide_phases(core: Any, inputs: Any, rules: Any, w_e: float) -> None:
 
 
 @compiled_without_allocation
-def mark_stale(inputs: Any, rules: Any, health: Any) -> None:
+def mark_stale(core: Any, inputs: Any, rules: Any, health: Any) -> None:
     """Mark the inputs that are older than their timeout, and count each time one becomes so."""
     for quantity in range(N_QUANTITIES):
-        old = inputs.t_us - inputs.seen_us[quantity] > rules.timeout_us[quantity]
+        old = inputs.t_us - inputs.seen_us[quantity] > timeout_us(core, rules, quantity)
         if old and inputs.available[quantity] and not inputs.stale[quantity]:
             inputs.stale[quantity] = True
             if rules.longest_delay_us == 0:  # else when an estimate shows it

@@ -118,17 +118,19 @@ HEALTH = np.dtype(
         ("wheels_late_sigma_s", "f8"),
         ("gear_ratio_error", "f8", (GEARS,)),  # … and share that the ratio of each gear is larger than that of the
         ("gear_ratio_sigma", "f8", (GEARS,)),  # median of all that have been in, by gear number + 1; 0: not yet
-        ("accepted", "u4", (N_QUANTITIES,)),  # samples since the start, likewise below
-        ("not_available", "u4", (N_QUANTITIES,)),
-        ("out_of_range", "u4", (N_QUANTITIES,)),
-        ("bad_length", "u4", (N_QUANTITIES,)),
-        ("bad_crc", "u4", (N_QUANTITIES,)),
-        ("bad_counter", "u4", (N_QUANTITIES,)),
-        ("timeouts", "u4", (N_QUANTITIES,)),  # times an input went stale
-        ("late_frames", "u4"),  # older than the grid, taken at the grid's time
-        ("gap_resets", "u4"),
-        ("clock_resets", "u4"),
-        ("numeric_resets", "u4"),  # a state was no number any more
+        ("accepted", "i8", (N_QUANTITIES,)),  # samples since the start, likewise below: no year makes them wrap
+        ("not_available", "i8", (N_QUANTITIES,)),
+        ("out_of_range", "i8", (N_QUANTITIES,)),
+        ("bad_length", "i8", (N_QUANTITIES,)),
+        ("bad_crc", "i8", (N_QUANTITIES,)),
+        ("bad_counter", "i8", (N_QUANTITIES,)),
+        ("not_believed", "i8", (N_QUANTITIES,)),
+        ("bad_rate", "i8", (N_QUANTITIES,)),
+        ("timeouts", "i8", (N_QUANTITIES,)),  # times an input went stale
+        ("late_frames", "i8"),  # older than the grid, taken at the grid's time
+        ("gap_resets", "i8"),
+        ("clock_resets", "i8"),
+        ("numeric_resets", "i8"),  # a state was no number any more
         ("status", "u4"),  # Status of the last estimate
         ("findings", "u4"),  # plausibility.findings.Finding that stand
         ("findings_strong", "u4"),  # of these, those for which no torque is valid

@@ -136,6 +136,8 @@ def report(inputs: Any, health: Any, monitor: Any, row: Any) -> None:
         row.bad_length[quantity] = health.bad_length[quantity]
         row.bad_crc[quantity] = health.bad_crc[quantity]
         row.bad_counter[quantity] = health.bad_counter[quantity]
+        row.not_believed[quantity] = health.not_believed[quantity]
+        row.bad_rate[quantity] = health.bad_rate[quantity]
         row.timeouts[quantity] = health.timeouts[quantity]
         seen = inputs.seen_us[quantity]
         row.age_us[quantity] = inputs.t_us - seen if seen != NEVER else -1

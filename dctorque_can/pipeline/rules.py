@@ -21,6 +21,8 @@ RULES = np.dtype(
         ("minimum", "f8", (N_QUANTITIES,)),
         ("maximum", "f8", (N_QUANTITIES,)),
         ("timeout_us", "i8", (N_QUANTITIES,)),
+        ("learns_timeout", "u1", (N_QUANTITIES,)),  # … or it is learned (`intervals`)
+        ("delay_us", "i8", (N_QUANTITIES,)),
         ("longest_delay_us", "i8"),
         ("estimate_period_us", "i8"),
         ("health_period_us", "i8"),
@@ -67,6 +69,9 @@ CORE = np.dtype(
         ("estimate_us", "i8"),
         ("health_us", "i8"),
         ("status", "u4"),  # of the last estimate
+        ("sampled_us", "i8", (N_QUANTITIES,)),  # time of the last usable sample, where the timeout is learned
+        ("interval_us", "i8", (N_QUANTITIES,)),  # … the median between two of them
+        ("intervals", "i8", (N_QUANTITIES,)),  # … of so many
         ("direction", DIRECTION),
         ("driving_shaft", DRIVING_SHAFT),
     ],
@@ -84,6 +89,7 @@ def rules(settings: Settings) -> NDArray[np.void]:
         r["minimum"][item.quantity] = max(item.minimum, -WIDEST)
         r["maximum"][item.quantity] = min(item.maximum, WIDEST)
         r["timeout_us"][item.quantity] = item.timeout_us + item.delay_us  # counted from when it was taken
+        r["learns_timeout"][item.quantity], r["delay_us"][item.quantity] = item.learns_timeout, item.delay_us
     r["longest_delay_us"] = max((item.delay_us for item in settings.inputs), default=0)
     r["estimate_period_us"] = settings.estimate_period_us
     r["health_period_us"] = settings.health_period_us
@@ -146,7 +152,8 @@ def first_inputs(settings: Settings, inputs: NDArray[np.void]) -> None:
 
 def first_core(core: NDArray[np.void]) -> None:
     """Make ``core``, a `CORE` ``[1]`` of zeros, what it is before the first frame."""
-    for name in ("arrived_us", "candidate_us", "slip_small_us", "implausible_us", "estimate_us", "health_us"):
+    times = ("arrived_us", "candidate_us", "slip_small_us", "implausible_us", "estimate_us", "health_us")
+    for name in (*times, "sampled_us"):
         core[name] = NEVER
     first_direction(core["direction"])
     first_driving_shaft(core["driving_shaft"])

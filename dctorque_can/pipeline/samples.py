@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Self
@@ -54,6 +55,10 @@ SPEEDS = (
 """Speeds in the order of the Kalman filter's signals."""
 
 
+LONGEST_LEARNED_US = 2_000_000
+"""No timeout that is learned is longer."""
+
+
 class SampleStatus(IntEnum):
     """Why a sample may not be used. Anything but OK is counted in `Health` and changes nothing else."""
 
@@ -63,6 +68,8 @@ class SampleStatus(IntEnum):
     BAD_LENGTH = 3
     BAD_CRC = 4
     BAD_COUNTER = 5
+    NOT_BELIEVED = 6  # the frame is right, but too many of its message were not
+    BAD_RATE = 7  # changed faster than the quantity can
 
 
 class Signs(IntEnum):
@@ -175,6 +182,9 @@ class Input:
         signs: of a speed of wheels or shafts, whether it has one.
         multiplier: what the sum is multiplied with, or divided by.
         validity: what says whether it is valid.
+        most_per_s: SI; a value that is further from the one before is `SampleStatus.BAD_RATE`, until three agree.
+        resolution: SI; by so much two values may differ anyway.
+        learns_timeout: ``timeout_us`` is the longest; the one that counts is learned from how often it comes.
     """
 
     quantity: Quantity
@@ -186,6 +196,9 @@ class Input:
     signs: Signs = Signs.SIGNED
     multiplier: Multiplier | None = None
     validity: Validity | None = None
+    most_per_s: float = math.inf
+    resolution: float = 0.0
+    learns_timeout: bool = False
 
     @property
     def signals(self) -> tuple[Term, ...]:

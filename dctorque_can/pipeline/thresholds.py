@@ -22,3 +22,14 @@ MOST_POWER_W = 1e7
 HELD_US = 1_000_000
 """For so long a shaft whose clutch is told to be closed may turn as no gear, or another one, lets it: no sleeve
 moves under torque, and the driveline has rung itself out by then."""
+INTERVALS_LEARNED_FROM = 64
+"""A timeout that is learned stands on so many intervals. Then it stays: a bus that loses more and more frames does
+not move it."""
+ENOUGH_INTERVALS = 8
+"""… and counts from so many on."""
+FIRST_TIMEOUT_US = 100_000
+"""… and is this until then."""
+TIMEOUT_INTERVALS = 5
+"""… and is so many usual intervals: four frames in a row may be lost."""
+SHORTEST_TIMEOUT_US = 20_000
+"""… and never shorter, nor longer than `samples.LONGEST_LEARNED_US`."""

@@ -60,7 +60,10 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
     if not row["present"]:
         return {"quantity": row["quantity"], "signal": "not given", "while missing": row["lost"]}
     conversions = map(_conversion, row["units"], row["factors"], row["offsets"], row["mapped"])
-    signal, conversion, timeout = _multiplied(row["multiplier"])
+    signal, conversion, of_multiplier = _multiplied(row["multiplier"])
+    own = row["timeout_ms"]
+    timeout = (own if isinstance(own, str) else f"{own:g} ms") + of_multiplier
+    rate = "" if row["most_per_s"] is None else f"≤ {row['most_per_s']:.4g}/s"
     if row["valid_if"] is not None:
         values = " or ".join(map(str, row["valid_if"]["values"]))
         signal.append(f"if {row['valid_if']['signal']} = {values}")
@@ -69,10 +72,9 @@ def _cells(row: dict[str, Any]) -> dict[str, str]:
         "quantity": row["quantity"],
         "signal": "\n".join([*row["signals"], *signal, *row["taken_from"]]),
         "to SI": "\n".join([*conversions, *conversion]),
-        "range (SI)": "\n".join(filter(None, (_range(row["minimum"], row["maximum"]), row["sign"]))),
+        "range (SI)": "\n".join(filter(None, (_range(row["minimum"], row["maximum"]), rate, row["sign"]))),
         "period": f"{row['period_ms']:g} ms" if row["period_ms"] else "?",
-        "timeout": f"{row['timeout_ms']:g} ms{timeout}"
-        + (f"\nlate {row['delay_ms']:g} ms" if row["delay_ms"] else ""),
+        "timeout": timeout + (f"\nlate {row['delay_ms']:g} ms" if row["delay_ms"] else ""),
         "protection": "\n".join(row["protection"]),
         "while missing": row["lost"],
     }

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from dctorque_can.report.clutch_map_lines import map_lines
+from dctorque_can.report.message_lines import message_lines
 from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
 _WORTH_A_LINE = ("lost", "send_failures", "error_frames", "damaged", "dropped")
@@ -38,6 +39,7 @@ def run_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     faults = {key: count for key, count in summary["health"].items() if count and key not in ("findings", "hints")}
     if faults:
         yield "health: " + ", ".join(f"{name} {_shown(count)}" for name, count in faults.items())
+    yield from message_lines(summary["messages"])
     if (log := summary["log"]) is not None:
         missing = f"; {log['dropped']} frames missing" if log["dropped"] else ""
         yield f"log: {log['written']} frames in {', '.join(log['paths']) or 'no file'}{missing}"

@@ -356,3 +356,30 @@ def test_one_state_of_both_clutches_or_none(load: Load) -> None:
     assert config.settings.phases.lock_time_us == 80_000
     with pytest.raises(ConfigError, match=r"clutch_phase\.source = none: the method oh2014 must be told"):
         load({"clutch_phase": {"source": "none"}, "estimator.method": "oh2014"})
+
+
+def test_a_rate_is_in_the_unit_of_the_signal_and_bears_its_steps(load: Load) -> None:
+    speed = one(load({"inputs.engine_speed.max_rate": 60_000}), Quantity.ENGINE_SPEED)
+    assert speed.most_per_s == pytest.approx(2000 * math.pi)
+    assert speed.resolution == pytest.approx(math.pi / 120)
+    assert one(load({}), Quantity.ENGINE_SPEED).most_per_s == math.inf
+
+
+@pytest.mark.parametrize("rate", [0, -5, "fast", math.inf])
+def test_a_rate_is_positive_and_finite(errors: Callable[..., list[Any]], rate: object) -> None:
+    assert [problem.key for problem in errors({"inputs.engine_speed.max_rate": rate})] == [
+        "inputs.engine_speed.max_rate"
+    ]
+
+
+def test_a_timeout_is_learned_where_it_says_so(load: Load) -> None:
+    config = load({"inputs.engine_speed.timeout_ms": "learned", "gears.shaft1.timeout_ms": "learned"})
+    learned = {given.quantity for given in config.inputs if given.learns_timeout}
+    assert learned == {Quantity.ENGINE_SPEED, Quantity.GEAR1}
+
+
+@pytest.mark.parametrize("timeout", [0, "known"])
+def test_another_word_is_no_timeout(errors: Callable[..., list[Any]], timeout: object) -> None:
+    (problem,) = errors({"inputs.engine_speed.timeout_ms": timeout})
+    assert problem.key == "inputs.engine_speed.timeout_ms"
+    assert "learned" in problem.reason

@@ -76,7 +76,7 @@ def test_every_kind_of_checksum_is_in_the_reference() -> None:
 
 def test_examples_in_the_reference_are_accepted(load) -> None:
     blocks = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
-    assert len(blocks) == 10
+    assert len(blocks) == 11
     database = {"databases.0.file": str(shipped_dbc("demo_car_one_gear"))}
     for block in blocks:
         for key, value in yaml.safe_load(block).items():

@@ -7,7 +7,8 @@ from dctorque_can.evidence.findings import findings
 from dctorque_can.evidence.intervals import Interval
 from dctorque_can.resources import shipped_config
 
-FAULTS = ("bad_crc", "bad_counter", "bad_length", "out_of_range", "not_available")
+WHOLE_FRAME = ("bad_crc", "bad_counter", "bad_length", "not_believed")
+FAULTS = (*WHOLE_FRAME, "bad_rate", "out_of_range", "not_available")
 MESSAGES = {
     "EngineData": 10.0,
     "InputShafts": 10.0,
@@ -48,8 +49,7 @@ def test_shares_of_bad_frames(fault):
     assert one.severity == ("hint" if fault == "not_available" else "warning")
     assert every.severity == "error"
     assert "10%" in one.text
-    whole_frame = fault in ("bad_crc", "bad_counter", "bad_length")
-    assert one.key == ("protection.EngineData" if whole_frame else "inputs.engine_speed")
+    assert one.key == ("protection.EngineData" if fault in WHOLE_FRAME else "inputs.engine_speed")
 
 
 def test_one_message_is_told_once():
