@@ -25,7 +25,7 @@ FAULTS = (
     "bad_rate",
     "timeouts",
 )
-"""Why a value was not used, each counted for each quantity."""
+"""Why samples were not used, as fields of `HEALTH`, and how often inputs went stale."""
 _NAMES = [(int(quantity), quantity.name.lower()) for quantity in Quantity]
 _LEARNED = ("gain_error", "gain_sigma", "lag_error_s", "lag_sigma_s")
 _OF_SPEEDS = (

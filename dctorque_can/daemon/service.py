@@ -125,18 +125,8 @@ class Service:
         self._status = StatusShares()
         self._latency = Latency()
         self._reloader = Reloader(reread, self._tell)
-        self._parts = Parts(
-            config,
-            self._chain,
-            self._links,
-            self._publisher,
-            self._log,
-            self._status,
-            self._stalls,
-            self._clock,
-            self._latency,
-            self._reloader.outcomes,
-        )
+        watches = (self._status, self._stalls, self._clock, self._latency, self._reloader.outcomes)
+        self._parts = Parts(config, self._chain, self._links, self._publisher, self._log, *watches)
         self._live = None if places is None else LiveStatus(StatusProcess(places, self._tell), self._parts)
         told = {given.quantity for given in config.inputs}
         self._transmission = TransmissionFigures() if Quantity.TRANSMISSION_TORQUE in told else None

@@ -8,6 +8,7 @@ from typing import Any
 
 from dctorque_can.analysis.errors import VALID
 from dctorque_can.analysis.status_shares import FAULTS, key_of
+from dctorque_can.report.message_lines import message_lines
 from dctorque_can.report.torque_table import TORQUE_NAMES
 
 WIDTH = 80
@@ -62,6 +63,8 @@ def _items(status: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield from _torques(status["status_time"])
     yield from _buses(status["buses"])
     yield "messages", _messages(status["messages"])
+    for line in message_lines(status["message_faults"]):
+        yield "bad frames", line
     yield from _output(status)
     yield from _health(status["health"])
     if status["stalls"]["count"]:
