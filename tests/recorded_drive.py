@@ -8,7 +8,7 @@ import can
 import pytest
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon.link import open_bus
+from dctorque_can.daemon.wire.link import open_bus
 from dctorque_can.offline.simulated_car import DriveName, ProfileName, SimulatedDrive, simulate_car
 from dctorque_can.resources import shipped_config
 

@@ -71,7 +71,7 @@ def full_load(config: Config) -> Frames:
 
 def connect(channel: str, file: int | None) -> can.BusABC:
     """Open the interface, or python-can's bus of SocketCAN on a socket that stands for it."""
-    from dctorque_can.daemon.link import open_bus
+    from dctorque_can.daemon.wire.link import open_bus
 
     if file is None:
         return open_bus({"interface": "socketcan", "channel": channel})
@@ -111,7 +111,7 @@ def bare(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def service(arguments: argparse.Namespace) -> dict[str, Any]:
     """Serve as `dctorque run` does."""
-    from dctorque_can.daemon.log_plan import plan_for
+    from dctorque_can.daemon.log.plan import plan_for
     from dctorque_can.daemon.service import Service
     from dctorque_can.daemon.signals import obeying_signals
 

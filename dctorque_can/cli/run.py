@@ -137,11 +137,11 @@ def _prepare(
     status: Path | None,
     anew: Callable[[], Config],
 ) -> Service:
-    from dctorque_can.daemon.link import open_bus
-    from dctorque_can.daemon.log_plan import plan_for
+    from dctorque_can.daemon.log.plan import plan_for
     from dctorque_can.daemon.service import Service
     from dctorque_can.daemon.signals import obeying_signals  # noqa: F401  loaded while a signal still ends all
-    from dctorque_can.daemon.status_process import places_for
+    from dctorque_can.daemon.status.process import places_for
+    from dctorque_can.daemon.wire.link import open_bus
     from dctorque_can.logs.output_file import refuse_existing
 
     if log is not None:

@@ -37,7 +37,7 @@ def status(
     Exit code 0: told. 1: nobody answers. 3: the latest status is older than 5 s, so
     the service hangs. With --json and --watch each status is one line.
     """
-    from dctorque_can.daemon.status_client import read_status, socket_of
+    from dctorque_can.daemon.status.client import read_status, socket_of
 
     if name is not None and socket is not None:
         raise typer.BadParameter("NAME and --socket contradict each other")

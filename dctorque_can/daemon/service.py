@@ -21,30 +21,29 @@ from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.chain import Chain
 from dctorque_can.config.edges import CanSection
 from dctorque_can.config.load import Config
-from dctorque_can.daemon import socketcan
 from dctorque_can.daemon.belief_watch import BeliefWatch
 from dctorque_can.daemon.clock_watch import ClockWatch
-from dctorque_can.daemon.foreign import shown
 from dctorque_can.daemon.kept_maps import MAPS
-from dctorque_can.daemon.kernel_filter import Wanted
-from dctorque_can.daemon.latency import Latency
-from dctorque_can.daemon.links import BusLinks, NamedBus
-from dctorque_can.daemon.listening import remark
-from dctorque_can.daemon.log_counts import State, no_state
-from dctorque_can.daemon.log_plan import LogPlan, plan_for
-from dctorque_can.daemon.log_process import LogProcess
+from dctorque_can.daemon.log.counts import State, no_state
+from dctorque_can.daemon.log.plan import LogPlan, plan_for
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.log.recorder import Recorder
 from dctorque_can.daemon.map_keeper import MapKeeper
-from dctorque_can.daemon.parts import Parts
-from dctorque_can.daemon.publisher import Publisher
-from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.output.publisher import Publisher
 from dctorque_can.daemon.reload import Reloader
-from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.daemon.stalls import StallWatch
-from dctorque_can.daemon.status import LiveStatus
-from dctorque_can.daemon.status_process import StatusPlaces, StatusProcess
-from dctorque_can.daemon.summary import Summary
+from dctorque_can.daemon.status.latency import Latency
+from dctorque_can.daemon.status.live import LiveStatus
+from dctorque_can.daemon.status.parts import Parts
+from dctorque_can.daemon.status.process import StatusPlaces, StatusProcess
+from dctorque_can.daemon.status.summary import Summary
 from dctorque_can.daemon.systemd import Systemd
 from dctorque_can.daemon.traffic_watch import TrafficWatch
+from dctorque_can.daemon.wire import socketcan
+from dctorque_can.daemon.wire.kernel_filter import Wanted
+from dctorque_can.daemon.wire.links import BusLinks, NamedBus
+from dctorque_can.daemon.wire.listening import remark
+from dctorque_can.daemon.wire.socketcan import MOST
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import Table
 from dctorque_can.pipeline.estimates import ESTIMATE
@@ -353,16 +352,9 @@ class Service:
             return f"waiting for {' and '.join(away)}"
         if self._traffic.mapped:
             lost = self._links.counts.dropped
-            return "estimating" + self._output_state() + (f", {lost} frames lost by the kernel" if lost else "")
+            sends = "" if self._publisher is None else self._publisher.in_words
+            return "estimating" + sends + (f", {lost} frames lost by the kernel" if lost else "")
         return "no mapped frame yet" if self.received else "no frame yet"
-
-    def _output_state(self) -> str:
-        if self._publisher is None:
-            return ""
-        jitter_ms, refused = self._publisher.worst_jitter_ms, shown(sorted(self._publisher.refused))
-        return ("" if jitter_ms is None else f", cycle jitter {jitter_ms:.1f} ms") + (
-            f", {refused} refused (someone else sends there)" if refused else ""
-        )
 
     def _tell(self, is_error: bool, text: str) -> None:
         self._news.append((is_error, text))

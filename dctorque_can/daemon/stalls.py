@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from dctorque_can.daemon.socketcan import MOST
+from dctorque_can.daemon.wire.socketcan import MOST
 
 STALL_S = 0.5  # from one look at the buses to the next, which are never further apart than a tenth of a second
 FIRST = 10  # stalls that are told one by one

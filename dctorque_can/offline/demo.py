@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from dctorque_can.analysis.errors import ErrorFigures, compare
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.link import open_bus
-from dctorque_can.daemon.log_plan import LogFolder, LogPlan, bus_metadata
+from dctorque_can.daemon.log.plan import LogFolder, LogPlan, bus_metadata
 from dctorque_can.daemon.service import Service, Summary
+from dctorque_can.daemon.wire.link import open_bus
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 
 from dctorque_can.config.edges import CanSection
-from dctorque_can.daemon.link import BusLink, open_bus
+from dctorque_can.daemon.wire.link import BusLink, open_bus
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.pipeline.frames import FrameFlag, Frames

@@ -26,7 +26,7 @@ from dctorque_can.clutch_maps.maps import ClutchMaps
 from dctorque_can.clutch_maps.summary import maps_json
 from dctorque_can.config.load import Config, load_documents
 from dctorque_can.daemon.kept_maps import MAPS, begun, read_state, state_name, state_of
-from dctorque_can.daemon.log_plan import OWN_MARK, STATE_NAME
+from dctorque_can.daemon.log.plan import OWN_MARK, STATE_NAME
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table
 from dctorque_can.logs.mcap.writer import McapLog

@@ -18,7 +18,7 @@ _COUNTED = ("gap_resets", "clock_resets", "numeric_resets", "late_frames")
 
 
 def status_page(status: Mapping[str, Any]) -> list[str]:
-    """Return a snapshot (`daemon.status.LiveStatus`) as lines."""
+    """Return a snapshot (`daemon.status.live.LiveStatus`) as lines."""
     lines = []
     for label, text in _items(status):
         lines += textwrap.wrap(

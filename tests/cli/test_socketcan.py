@@ -20,10 +20,10 @@ import cantools
 import numpy as np
 import pytest
 
-from dctorque_can.daemon.kernel_filter import OPEN_S, Wanted
-from dctorque_can.daemon.link import BusLink, open_bus
-from dctorque_can.daemon.reception import receiver_of
-from dctorque_can.daemon.socketcan import SocketcanReceiver
+from dctorque_can.daemon.wire.kernel_filter import OPEN_S, Wanted
+from dctorque_can.daemon.wire.link import BusLink, open_bus
+from dctorque_can.daemon.wire.reception import receiver_of
+from dctorque_can.daemon.wire.socketcan import SocketcanReceiver
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES
 from dctorque_can.logs.messages import frames_from_messages

@@ -10,8 +10,8 @@ import time
 import can
 import pytest
 
-from dctorque_can.daemon.link import BusLink, open_bus
-from dctorque_can.daemon.listening import ListenOnlyError
+from dctorque_can.daemon.wire.link import BusLink, open_bus
+from dctorque_can.daemon.wire.listening import ListenOnlyError
 
 from .test_socketcan import CAR, Daemon, inject, sent_by, set_link, start  # noqa: F401  fixtures
 

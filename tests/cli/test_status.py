@@ -116,7 +116,7 @@ def test_no_word_of_a_service_is_a_command_to_the_terminal(
     status = json.loads(told(dctorque, "-s", "s", "--json").out)
     hostile = status | {"name": "\x1b]0;owned\x07", "state": "a\nb\rc\u202e\x9b"}
     assert "\x1b" in "".join(status_page(hostile))
-    monkeypatch.setattr("dctorque_can.daemon.status_client.read_status", lambda path: hostile)
+    monkeypatch.setattr("dctorque_can.daemon.status.client.read_status", lambda path: hostile)
     out = dctorque("status", "-s", "s").out
     assert "\\x1b]0;owned" in out
     assert all(line.isprintable() for line in out.splitlines())

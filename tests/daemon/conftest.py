@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from dctorque_can.daemon import log_process, stalls
+from dctorque_can.daemon import stalls
+from dctorque_can.daemon.log import process as log_process
 
 from ..recorded_drive import clock, config, connect, drive  # noqa: F401  fixtures
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import can
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.log_plan import plan_for
+from dctorque_can.daemon.log.plan import plan_for
 from dctorque_can.daemon.service import Service
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.messages import message_from_frame

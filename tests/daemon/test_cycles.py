@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from dctorque_can.daemon.cycles import PAUSE_S, CycleTimes
-from dctorque_can.daemon.send_rate import BURST_S, HEADROOM, SendRate
+from dctorque_can.daemon.output.cycles import PAUSE_S, CycleTimes
+from dctorque_can.daemon.output.send_rate import BURST_S, HEADROOM, SendRate
 
 
 def test_intervals_are_held_against_the_period() -> None:

@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon.kernel_filter import MOST, OPEN_S, KernelFilter, Wanted
-from dctorque_can.daemon.log_plan import plan_for
+from dctorque_can.daemon.log.plan import plan_for
 from dctorque_can.daemon.service import Service
+from dctorque_can.daemon.wire.kernel_filter import MOST, OPEN_S, KernelFilter, Wanted
 from dctorque_can.pipeline.frames import EVERY_BIT, EXTENDED_ID, Address, Frames, group_mask
 from dctorque_can.resources import shipped_config
 

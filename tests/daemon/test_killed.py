@@ -14,8 +14,8 @@ import pytest
 
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import load_config
-from dctorque_can.daemon.log_plan import STATE_NAME, plan_for
-from dctorque_can.daemon.log_recovery import finalise_all
+from dctorque_can.daemon.log.plan import STATE_NAME, plan_for
+from dctorque_can.daemon.log.recovery import finalise_all
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES
 from dctorque_can.logs.reader import open_log

@@ -6,7 +6,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from dctorque_can.daemon.latency import LONGEST_S, PER_DECADE, PERIOD_S, Histogram, Latency
+from dctorque_can.daemon.status.latency import LONGEST_S, PER_DECADE, PERIOD_S, Histogram, Latency
 
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 0.999])

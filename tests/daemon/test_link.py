@@ -10,12 +10,12 @@ from typing import Any
 import can
 import pytest
 
-from dctorque_can.daemon import link as link_module
-from dctorque_can.daemon import opening, pace, sender, spin
-from dctorque_can.daemon.link import BusError, BusLink, open_bus
-from dctorque_can.daemon.pace import REST_S, SPARE_LOOKS
-from dctorque_can.daemon.socketcan import MOST
-from dctorque_can.daemon.spin import SPIN_RETURNS, SPIN_S, raise_on_spin
+from dctorque_can.daemon.wire import link as link_module
+from dctorque_can.daemon.wire import opening, pace, sender, spin
+from dctorque_can.daemon.wire.link import BusError, BusLink, open_bus
+from dctorque_can.daemon.wire.pace import REST_S, SPARE_LOOKS
+from dctorque_can.daemon.wire.socketcan import MOST
+from dctorque_can.daemon.wire.spin import SPIN_RETURNS, SPIN_S, raise_on_spin
 
 from ..clock import Clock
 

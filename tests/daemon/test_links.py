@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon import links as links_module
 from dctorque_can.daemon import service as service_module
-from dctorque_can.daemon.link import BusError, open_bus
-from dctorque_can.daemon.links import CLOCKS_APART_S, MOST_HELD, BusLinks, NamedBus
-from dctorque_can.daemon.log_plan import plan_for
+from dctorque_can.daemon.log.plan import plan_for
 from dctorque_can.daemon.service import Service, Summary
-from dctorque_can.daemon.socketcan import MOST
+from dctorque_can.daemon.wire import links as links_module
+from dctorque_can.daemon.wire.link import BusError, open_bus
+from dctorque_can.daemon.wire.links import CLOCKS_APART_S, MOST_HELD, BusLinks, NamedBus
+from dctorque_can.daemon.wire.socketcan import MOST
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH
 from dctorque_can.logs.messages import message_from_frame

@@ -13,9 +13,9 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon.link import BusLink, open_bus
-from dctorque_can.daemon.listening import HARDWARE, ListenOnlyError, listening, remark
 from dctorque_can.daemon.service import Service
+from dctorque_can.daemon.wire.link import BusLink, open_bus
+from dctorque_can.daemon.wire.listening import HARDWARE, ListenOnlyError, listening, remark
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.offline.playback import playing

@@ -12,11 +12,11 @@ from types import SimpleNamespace
 import pytest
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon import log_disk
-from dctorque_can.daemon.log_disk import Disk, doubtful_owner
-from dctorque_can.daemon.log_plan import LogFolder, LogPlan, plan_for
-from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.log_quota import mark
+from dctorque_can.daemon.log import disk as log_disk
+from dctorque_can.daemon.log.disk import Disk, doubtful_owner
+from dctorque_can.daemon.log.plan import LogFolder, LogPlan, plan_for
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.log.quota import mark
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.writer import McapLog
 

@@ -2,7 +2,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.log_plan import LogFolder, LogPlan, plan_for
+from dctorque_can.daemon.log.plan import LogFolder, LogPlan, plan_for
 
 NOON = datetime(2026, 5, 4, 12, 0, 0, tzinfo=UTC)
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon import log_process
-from dctorque_can.daemon.log_plan import STATE_NAME, LogPlan, plan_for
-from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.log_protocol import Kind, frames_message, message
+from dctorque_can.daemon.log import process as log_process
+from dctorque_can.daemon.log.plan import STATE_NAME, LogPlan, plan_for
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.log.protocol import Kind, frames_message, message
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.reader import open_log
 from dctorque_can.pipeline.frames import Frames

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dctorque_can.daemon.log_protocol import (
+from dctorque_can.daemon.log.protocol import (
     Kind,
     MessageSplitter,
     document_message,

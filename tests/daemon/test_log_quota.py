@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon.log_plan import LogPlan, plan_for
-from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.log_quota import OwnLog, make_room, mark, own_logs
+from dctorque_can.daemon.log.plan import LogPlan, plan_for
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.log.quota import OwnLog, make_room, mark, own_logs
 from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.resources import shipped_config
 

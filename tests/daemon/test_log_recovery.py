@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dctorque_can.daemon import log_recovery
-from dctorque_can.daemon.log_plan import LogFolder
-from dctorque_can.daemon.log_quota import mark
-from dctorque_can.daemon.log_recovery import LogRecovery, finalise, finalise_all
+from dctorque_can.daemon.log import recovery as log_recovery
+from dctorque_can.daemon.log.plan import LogFolder
+from dctorque_can.daemon.log.quota import mark
+from dctorque_can.daemon.log.recovery import LogRecovery, finalise, finalise_all
 from dctorque_can.logs.errors import LogWriteError
 from dctorque_can.logs.mcap.writer import McapLog
 from dctorque_can.logs.reader import open_log

@@ -9,11 +9,11 @@ import pytest
 
 from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.config.load import Config
-from dctorque_can.daemon import publisher as publisher_module
-from dctorque_can.daemon.foreign import FIRST, LONGER
-from dctorque_can.daemon.link import BusLink
-from dctorque_can.daemon.publisher import LISTEN_US, LONGEST_WAIT_US, Publisher
-from dctorque_can.daemon.send_rate import BURST_S, HEADROOM
+from dctorque_can.daemon.output import publisher as publisher_module
+from dctorque_can.daemon.output.foreign import FIRST, LONGER
+from dctorque_can.daemon.output.publisher import LISTEN_US, LONGEST_WAIT_US, Publisher
+from dctorque_can.daemon.output.send_rate import BURST_S, HEADROOM
+from dctorque_can.daemon.wire.link import BusLink
 from dctorque_can.pipeline.estimates import ESTIMATE
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
@@ -275,4 +275,5 @@ def test_the_cycles_that_were_sent_are_measured(
     assert cycles["DctClutchTorque"]["intervals"] == 100
     assert cycles["DctClutchTorque"]["jitter_ms"] == pytest.approx(np.sqrt(0.5 * 2.0**2), abs=0.01)
     assert cycles["DctStatus"]["period_ms"] == 100.0
-    assert publisher.worst_jitter_ms == max(each["jitter_ms"] for each in cycles.values())
+    worst_ms = max(each["jitter_ms"] for each in cycles.values())
+    assert publisher.in_words == f", cycle jitter {worst_ms:.1f} ms"

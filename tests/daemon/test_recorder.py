@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from dctorque_can.daemon.log_counts import State, no_state
-from dctorque_can.daemon.recorder import Recorder
+from dctorque_can.daemon.log.counts import State, no_state
+from dctorque_can.daemon.log.recorder import Recorder
 from dctorque_can.pipeline.frames import Frames
 
 LONGEST_WAIT_S = 0.1  # of the service's receive loop

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from dctorque_can.daemon.link import BusLink, open_bus
+from dctorque_can.daemon.wire.link import BusLink, open_bus
 
 from .test_link import MESSAGE
 

@@ -12,7 +12,7 @@ import can
 import pytest
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon.log_plan import STATE_NAME, LogPlan, plan_for
+from dctorque_can.daemon.log.plan import STATE_NAME, LogPlan, plan_for
 from dctorque_can.daemon.service import Service, Summary
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.reader import read_table

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.log_plan import plan_for
-from dctorque_can.daemon.log_process import LogProcess
+from dctorque_can.daemon.log.plan import plan_for
+from dctorque_can.daemon.log.process import LogProcess
 from dctorque_can.daemon.service import Service
-from dctorque_can.daemon.status_process import StatusPlaces, StatusProcess
+from dctorque_can.daemon.status.process import StatusPlaces, StatusProcess
 from dctorque_can.offline.simulated_car import SimulatedDrive
 from dctorque_can.pipeline.frames import Frames
 from dctorque_can.pipeline.samples import Quantity

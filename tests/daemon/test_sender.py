@@ -7,10 +7,10 @@ from typing import Any
 import can
 import pytest
 
-from dctorque_can.daemon import link as link_module
-from dctorque_can.daemon import sender
-from dctorque_can.daemon.link import BusError, BusLink, open_bus
-from dctorque_can.daemon.sender import is_full
+from dctorque_can.daemon.wire import link as link_module
+from dctorque_can.daemon.wire import sender
+from dctorque_can.daemon.wire.link import BusError, BusLink, open_bus
+from dctorque_can.daemon.wire.sender import is_full
 
 from .test_link import MESSAGE, Bus
 

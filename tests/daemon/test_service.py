@@ -14,10 +14,10 @@ import pytest
 from mcap.reader import make_reader
 
 from dctorque_can.config.load import Config
-from dctorque_can.daemon import link
-from dctorque_can.daemon.link import BusError, BusLink
-from dctorque_can.daemon.log_plan import plan_for
+from dctorque_can.daemon.log.plan import plan_for
 from dctorque_can.daemon.service import Service, Summary
+from dctorque_can.daemon.wire import link
+from dctorque_can.daemon.wire.link import BusError, BusLink
 from dctorque_can.logs.convert import write_frames
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH

@@ -2,8 +2,8 @@
 
 import can
 
-from dctorque_can.daemon.error_frames import CALM_S
-from dctorque_can.daemon.silence import SILENCE_S
+from dctorque_can.daemon.wire.error_frames import CALM_S
+from dctorque_can.daemon.wire.silence import SILENCE_S
 
 from ..clock import Clock
 from .test_link import MESSAGE, Bus, _on_the_clock, make, receive_all  # noqa: F401  a fixture of every test

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from dctorque_can.daemon import link as link_module
-from dctorque_can.daemon import sender
-from dctorque_can.daemon.link import BusLink, open_bus
-from dctorque_can.daemon.slcan import LONGEST_LINE, is_whole
+from dctorque_can.daemon.wire import link as link_module
+from dctorque_can.daemon.wire import sender
+from dctorque_can.daemon.wire.link import BusLink, open_bus
+from dctorque_can.daemon.wire.slcan import LONGEST_LINE, is_whole
 
 from .test_link import MESSAGE
 

@@ -27,9 +27,9 @@ from dctorque_can.bus.kernel_frames import (
     SO_RXQ_OVFL,
     SO_TIMESTAMPNS,
 )
-from dctorque_can.daemon.link import BusLink
-from dctorque_can.daemon.reception import MessageReceiver, receiver_of
-from dctorque_can.daemon.socketcan import MOST, KernelMemory, SocketcanReceiver
+from dctorque_can.daemon.wire.link import BusLink
+from dctorque_can.daemon.wire.reception import MessageReceiver, receiver_of
+from dctorque_can.daemon.wire.socketcan import MOST, KernelMemory, SocketcanReceiver
 from dctorque_can.logs.messages import frames_from_messages
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 

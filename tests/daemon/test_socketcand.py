@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 import can
 import pytest
 
-from dctorque_can.daemon import link as link_module
-from dctorque_can.daemon import opening, sender, socketcand
-from dctorque_can.daemon.link import BusError, BusLink, open_bus
+from dctorque_can.daemon.wire import link as link_module
+from dctorque_can.daemon.wire import opening, sender, socketcand
+from dctorque_can.daemon.wire.link import BusError, BusLink, open_bus
 
 from .test_link import MESSAGE
 

@@ -3,8 +3,8 @@
 import pytest
 
 from dctorque_can.daemon import stalls
-from dctorque_can.daemon.socketcan import MOST
 from dctorque_can.daemon.stalls import FIRST, STALL_S, StallWatch
+from dctorque_can.daemon.wire.socketcan import MOST
 
 
 @pytest.fixture(autouse=True)

@@ -12,10 +12,10 @@ import can
 import pytest
 
 from dctorque_can.config.load import Config, load_config
-from dctorque_can.daemon import log_process
-from dctorque_can.daemon.log_plan import plan_for
-from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.log_protocol import frames_message
+from dctorque_can.daemon.log import process as log_process
+from dctorque_can.daemon.log.plan import plan_for
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.log.protocol import frames_message
 from dctorque_can.daemon.service import Service, Summary
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.logs.reader import open_log
@@ -139,7 +139,7 @@ def test_a_log_writer_that_cannot_be_started_is_told_and_tried_again(
     failures = iter([OSError(errno.EAGAIN, "Resource temporarily unavailable")] * 2)
 
     def start(*arguments: Any, **options: Any) -> object:
-        if "dctorque_can.daemon.log_worker" in arguments[0] and (error := next(failures, None)):
+        if "dctorque_can.daemon.log.worker" in arguments[0] and (error := next(failures, None)):
             raise error
         return started(*arguments, **options)
 

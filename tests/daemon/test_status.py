@@ -14,9 +14,9 @@ from dctorque_can import __version__
 from dctorque_can.config.edges import StatusSection
 from dctorque_can.config.identity import vehicle_digest
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.metrics import metrics_text
-from dctorque_can.daemon.status_client import read_status
-from dctorque_can.daemon.status_process import StatusPlaces, places_for
+from dctorque_can.daemon.status.client import read_status
+from dctorque_can.daemon.status.metrics import metrics_text
+from dctorque_can.daemon.status.process import StatusPlaces, places_for
 from dctorque_can.errors import DctorqueError
 from dctorque_can.offline.simulated_car import SimulatedDrive
 

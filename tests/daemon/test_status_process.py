@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from dctorque_can.daemon import status_process, status_worker
-from dctorque_can.daemon.status_client import read_status, socket_of
-from dctorque_can.daemon.status_process import StatusPlaces, StatusProcess
-from dctorque_can.daemon.status_worker import MOST_CLIENTS
+from dctorque_can.daemon.status import process as status_process
+from dctorque_can.daemon.status import worker as status_worker
+from dctorque_can.daemon.status.client import read_status, socket_of
+from dctorque_can.daemon.status.process import StatusPlaces, StatusProcess
+from dctorque_can.daemon.status.worker import MOST_CLIENTS
 from dctorque_can.errors import DctorqueError
 
 SNAPSHOT = {"uptime_s": 1.0, "name": "a car"}

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dctorque_can.daemon import status_socket
-from dctorque_can.daemon.status_socket import StatusError, identity, listen, remove
+from dctorque_can.daemon.status import listener as status_socket
+from dctorque_can.daemon.status.listener import StatusError, identity, listen, remove
 
 
 @pytest.fixture

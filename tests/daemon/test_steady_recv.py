@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from dctorque_can.daemon.steady_recv import receive_by_steady_clock
+from dctorque_can.daemon.wire.steady_recv import receive_by_steady_clock
 
 from ..clock import Clock
 from . import test_link
@@ -13,7 +13,7 @@ def test_a_clock_that_is_set_back_while_the_bus_is_silent_does_not_hold_up_recei
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """python-can's own `recv` would ask its interface to wait for an hour."""
-    monkeypatch.setattr("dctorque_can.daemon.steady_recv.time", clock)
+    monkeypatch.setattr("dctorque_can.daemon.wire.steady_recv.time", clock)
     system_s = iter([1e9, 1e9 - 3600.0, 1e9 - 3599.0])
     monkeypatch.setattr(can.bus, "time", lambda: next(system_s))
     bus = test_link.Polling(clock, pause_s=0.03)

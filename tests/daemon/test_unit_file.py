@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from dctorque_can.cli.exit_codes import ExitCode
-from dctorque_can.daemon.status_client import RUNTIME, socket_of
-from dctorque_can.daemon.status_socket import SOCKET_NAME
+from dctorque_can.daemon.status.client import RUNTIME, socket_of
+from dctorque_can.daemon.status.listener import SOCKET_NAME
 
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
 SECURITY = TOOLS.parent / "docs" / "security.md"

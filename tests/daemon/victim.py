@@ -18,9 +18,9 @@ import can
 import numpy as np
 
 from dctorque_can.config.load import load_config
-from dctorque_can.daemon.link import open_bus
-from dctorque_can.daemon.log_plan import plan_for
+from dctorque_can.daemon.log.plan import plan_for
 from dctorque_can.daemon.service import Service
+from dctorque_can.daemon.wire.link import open_bus
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.pipeline.frames import Frames
 

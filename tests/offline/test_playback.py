@@ -6,7 +6,7 @@ import can
 import numpy as np
 import pytest
 
-from dctorque_can.daemon.link import BusLink
+from dctorque_can.daemon.wire.link import BusLink
 from dctorque_can.offline import playback
 from dctorque_can.offline.playback import PATIENCE_S, Player
 from dctorque_can.pipeline.frames import FrameFlag, Frames

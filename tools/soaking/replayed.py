@@ -13,7 +13,7 @@ from dctorque_can.bus.output import OutputEncoder
 from dctorque_can.bus.output_signals import CONTENTS, estimate_words, physical_values
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.log_plan import STATE_NAME
+from dctorque_can.daemon.log.plan import STATE_NAME
 from dctorque_can.logs.errors import LogReadError
 from dctorque_can.logs.mcap.reader import read_table
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table

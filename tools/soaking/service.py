@@ -125,7 +125,7 @@ class ServiceProcess:
 
     def writers(self) -> list[int]:
         """Return the log processes."""
-        return _children(self.life.pid, "log_worker")
+        return _children(self.life.pid, "daemon.log.worker")
 
     def terminate(self) -> None:
         """End it in order."""

@@ -8,12 +8,10 @@ replays to the same bits. Where something had to be dropped, a new log begins to
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import select
 import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -21,9 +19,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from dctorque_can.daemon.log_counts import LogCounts, Message, State, no_state
-from dctorque_can.daemon.log_plan import LogPlan
-from dctorque_can.daemon.log_protocol import (
+from dctorque_can.daemon.child import start
+from dctorque_can.daemon.log.counts import LogCounts, Message, State, no_state
+from dctorque_can.daemon.log.plan import LogPlan
+from dctorque_can.daemon.log.protocol import (
     Kind,
     document_message,
     end_message,
@@ -31,7 +30,7 @@ from dctorque_can.daemon.log_protocol import (
     json_message,
     rotate_message,
 )
-from dctorque_can.daemon.log_recovery import LogRecovery
+from dctorque_can.daemon.log.recovery import LogRecovery
 from dctorque_can.errors import DctorqueError
 
 PIPE_BYTES = 1 << 20
@@ -240,23 +239,11 @@ class LogProcess:
 
     def _start(self) -> None:
         try:
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "dctorque_can.daemon.log_worker"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                bufsize=0,
-            )
+            self._process = start("dctorque_can.daemon.log.worker", PIPE_BYTES)
         except OSError as error:  # no memory, no process more
             self.news.append((True, f"the log writer cannot be started: {error.strerror}"))
             self._restart_later()
             return
-        self._process = process
-        assert process.stdin is not None
-        assert process.stdout is not None
-        with suppress(PermissionError):  # above the user's limit for pipes: the default size must do
-            fcntl.fcntl(process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        os.set_blocking(process.stdin.fileno(), False)
-        os.set_blocking(process.stdout.fileno(), False)
         messages = self._head()
         if not self._gap:  # else the next log begins with a state of its own
             self._last_number += 1

@@ -10,7 +10,7 @@ import can
 from can.interfaces.socketcand import SocketCanDaemonBus
 from can.interfaces.socketcand.socketcand import convert_ascii_message_to_can_message
 
-from dctorque_can.daemon.opening import DamagedLineError, reason
+from dctorque_can.daemon.wire.opening import DamagedLineError, reason
 
 HANDSHAKE_S = 5.0  # that long the server may take for an answer
 LONGEST_MESSAGE = 256

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from dctorque_can.bus.map_output import MapEncoder
 from dctorque_can.bus.output import OutputEncoder
-from dctorque_can.daemon.cycles import CycleTimes
-from dctorque_can.daemon.foreign import ForeignIds
-from dctorque_can.daemon.link import BusLink
-from dctorque_can.daemon.send_rate import SendRate
+from dctorque_can.daemon.output.cycles import CycleTimes
+from dctorque_can.daemon.output.foreign import ForeignIds, shown
+from dctorque_can.daemon.output.send_rate import SendRate
+from dctorque_can.daemon.wire.link import BusLink
 from dctorque_can.logs.messages import message_from_frame
 from dctorque_can.pipeline.frames import FrameFlag, Frames
 
@@ -91,9 +91,12 @@ class Publisher:
         }
 
     @property
-    def worst_jitter_ms(self) -> float | None:
-        """The largest jitter of all messages, ms; None while nothing is known."""
-        return self._cycles.worst_jitter_ms
+    def in_words(self) -> str:
+        """How evenly it sends and what it refuses, for behind a state; "" while there is nothing to tell."""
+        jitter_ms, refused = self._cycles.worst_jitter_ms, shown(sorted(self.refused))
+        return ("" if jitter_ms is None else f", cycle jitter {jitter_ms:.1f} ms") + (
+            f", {refused} refused (someone else sends there)" if refused else ""
+        )
 
     def hear(self, frames: Frames, channel: int | None = None) -> None:
         """Look whether someone else uses our identifiers.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dctorque_can.daemon.status_socket import SOCKET_NAME
+from dctorque_can.daemon.child import start
+from dctorque_can.daemon.status.listener import SOCKET_NAME
 from dctorque_can.errors import DctorqueError
 
 if TYPE_CHECKING:
@@ -133,21 +133,11 @@ class StatusProcess:
 
     def _start(self) -> None:
         try:
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "dctorque_can.daemon.status_worker"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                bufsize=0,
-            )
+            self._process = start("dctorque_can.daemon.status.worker")
         except OSError as error:  # no memory, no process more
             self._tell(True, f"the status process cannot be started: {error.strerror}")
             self._restart_later()
             return
-        assert process.stdin is not None
-        assert process.stdout is not None
-        os.set_blocking(process.stdin.fileno(), False)
-        os.set_blocking(process.stdout.fileno(), False)
-        self._process = process
         self._open.clear()
         socket = None if self._places.socket is None else str(self._places.socket)
         self._rest = json.dumps({"socket": socket, "metrics": self._places.metrics}).encode() + b"\n"

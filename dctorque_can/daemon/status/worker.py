@@ -19,8 +19,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from dctorque_can.daemon.metrics import CONTENT_TYPE, metrics_text
-from dctorque_can.daemon.status_socket import StatusError, identity, listen, remove
+from dctorque_can.daemon.status.listener import StatusError, identity, listen, remove
+from dctorque_can.daemon.status.metrics import CONTENT_TYPE, metrics_text
 
 CLIENT_S = 2.0
 MOST_CLIENTS = 16

@@ -8,9 +8,9 @@ from typing import Any
 from dctorque_can.analysis.health import health_counts, never_received
 from dctorque_can.analysis.message_faults import message_faults
 from dctorque_can.analysis.status_shares import BOTH_CLUTCHES
-from dctorque_can.daemon.link import LinkCounts
-from dctorque_can.daemon.log_counts import LogCounts
-from dctorque_can.daemon.parts import Parts
+from dctorque_can.daemon.log.counts import LogCounts
+from dctorque_can.daemon.status.parts import Parts
+from dctorque_can.daemon.wire.link import LinkCounts
 
 SHARE_S = 0.1  # the end of a run takes some time too, a share of less would be of that
 

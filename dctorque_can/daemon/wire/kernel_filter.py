@@ -9,7 +9,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.typechecking import CanFilter
 
-from dctorque_can.daemon.socketcan import SocketcanReceiver
+from dctorque_can.daemon.wire.socketcan import SocketcanReceiver
 from dctorque_can.pipeline.frames import EXTENDED_ID, ID_MASK, Address, Frames
 
 OPEN_S = 1.0  # without a frame: everything is received again, to tell a silent bus from one with other frames

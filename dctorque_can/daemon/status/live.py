@@ -15,9 +15,9 @@ from dctorque_can.analysis.status_shares import BOTH_CLUTCHES
 from dctorque_can.bus.addresses import at_term, read_addresses
 from dctorque_can.config.identity import database_digest, vehicle_digest
 from dctorque_can.config.load import Config
-from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.parts import Parts
-from dctorque_can.daemon.status_process import StatusProcess
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.status.parts import Parts
+from dctorque_can.daemon.status.process import StatusProcess
 
 PERIOD_S = 1.0
 MOST_FILES = 10  # logs that are told one by one, the latest

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from dctorque_can.daemon.status_socket import SOCKET_NAME
+from dctorque_can.daemon.status.listener import SOCKET_NAME
 from dctorque_can.errors import DctorqueError
 
 RUNTIME = Path("/run/dctorque")  # where systemd makes a folder for each instance of the unit

@@ -10,11 +10,11 @@ from dataclasses import dataclass, fields
 
 import can
 
-from dctorque_can.daemon.kernel_filter import Wanted
-from dctorque_can.daemon.link import BusError, BusLink, LinkCounts
-from dctorque_can.daemon.pace import Pace
-from dctorque_can.daemon.reception import NOTHING
-from dctorque_can.daemon.socketcan import MOST
+from dctorque_can.daemon.wire.kernel_filter import Wanted
+from dctorque_can.daemon.wire.link import BusError, BusLink, LinkCounts
+from dctorque_can.daemon.wire.pace import Pace
+from dctorque_can.daemon.wire.reception import NOTHING
+from dctorque_can.daemon.wire.socketcan import MOST
 from dctorque_can.pipeline.frames import Frames
 
 DOWN_S = 0.02  # from one look at a bus that is away to the next

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from dctorque_can.daemon.log_plan import LogFolder
+from dctorque_can.daemon.log.plan import LogFolder
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.recover import Recovery, recover
 
@@ -95,7 +95,7 @@ class LogRecovery:
         folder = {"directory": str(self._folder.directory), "vehicle": self._folder.vehicle}
         words = json.dumps({**folder, "stem": self._folder.stem, "cut": cut, "but": but})
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "dctorque_can.daemon.log_recovery", words],
+            [sys.executable, "-P", "-m", "dctorque_can.daemon.log.recovery", words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
         )

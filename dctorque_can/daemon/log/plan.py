@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dctorque_can.daemon.log_quota import MARK, OwnLog, own_logs
+from dctorque_can.daemon.log.quota import MARK, OwnLog, own_logs
 
 if TYPE_CHECKING:
     from dctorque_can.config.load import Config

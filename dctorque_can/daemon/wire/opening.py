@@ -12,16 +12,16 @@ from typing import Any
 import can
 from can.interfaces import BACKENDS
 
-from dctorque_can.daemon.listening import forbid_sending, listening
-from dctorque_can.daemon.spin import raise_on_spin
-from dctorque_can.daemon.steady_recv import receive_by_steady_clock
+from dctorque_can.daemon.wire.listening import forbid_sending, listening
+from dctorque_can.daemon.wire.spin import raise_on_spin
+from dctorque_can.daemon.wire.steady_recv import receive_by_steady_clock
 from dctorque_can.errors import DctorqueError
 
 PROBE_S = 1.0
 RECEIVE_BUFFER_BYTES = 4 << 20
 STURDY = {
-    "slcan": ("dctorque_can.daemon.slcan", "SturdySlcanBus"),
-    "socketcand": ("dctorque_can.daemon.socketcand", "SturdySocketcandBus"),
+    "slcan": ("dctorque_can.daemon.wire.slcan", "SturdySlcanBus"),
+    "socketcand": ("dctorque_can.daemon.wire.socketcand", "SturdySocketcandBus"),
 }
 """Interfaces of ours instead of python-can's; imported when they are wanted, since not everybody has pyserial."""
 

@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from dctorque_can.daemon.background import finished, in_background
-from dctorque_can.daemon.log_plan import LogPlan
-from dctorque_can.daemon.log_quota import OwnLog, make_room
+from dctorque_can.daemon.log.plan import LogPlan
+from dctorque_can.daemon.log.quota import OwnLog, make_room
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.writer import McapLog
 

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dctorque_can.daemon.log_counts import State, no_state
-from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.log_protocol import (
+from dctorque_can.daemon.log.counts import State, no_state
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.log.protocol import (
     Kind,
     estimates_message,
     frames_message,

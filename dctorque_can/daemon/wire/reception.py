@@ -7,7 +7,7 @@ from typing import Protocol, cast
 import can
 from can.interfaces.socketcan import SocketcanBus
 
-from dctorque_can.daemon.socketcan import MOST, SocketcanReceiver
+from dctorque_can.daemon.wire.socketcan import MOST, SocketcanReceiver
 from dctorque_can.logs.messages import MessageRoom
 from dctorque_can.pipeline.frames import Frames
 

@@ -11,14 +11,14 @@ from functools import partial
 import can
 
 from dctorque_can.daemon.background import finished, in_background, settle
-from dctorque_can.daemon.error_frames import ErrorFrames
-from dctorque_can.daemon.kernel_filter import KernelFilter, Wanted
-from dctorque_can.daemon.opening import BusError, DamagedLineError, close_bus, open_bus, reason
-from dctorque_can.daemon.pace import Pace
-from dctorque_can.daemon.reception import NOTHING, Receiver, receiver_of
-from dctorque_can.daemon.sender import Sender, is_full
-from dctorque_can.daemon.silence import SilenceWatch, nothing_came
-from dctorque_can.daemon.socketcan import MOST
+from dctorque_can.daemon.wire.error_frames import ErrorFrames
+from dctorque_can.daemon.wire.kernel_filter import KernelFilter, Wanted
+from dctorque_can.daemon.wire.opening import BusError, DamagedLineError, close_bus, open_bus, reason
+from dctorque_can.daemon.wire.pace import Pace
+from dctorque_can.daemon.wire.reception import NOTHING, Receiver, receiver_of
+from dctorque_can.daemon.wire.sender import Sender, is_full
+from dctorque_can.daemon.wire.silence import SilenceWatch, nothing_came
+from dctorque_can.daemon.wire.socketcan import MOST
 from dctorque_can.pipeline.frames import Frames
 
 __all__ = ["BusError", "BusLink", "LinkCounts", "open_bus"]  # all that one needs for a bus
@@ -41,7 +41,7 @@ class LinkCounts:
         dropped: messages that the kernel dropped because they were not fetched in time, where it says so.
         damaged: what an interface received and could not read as a message.
         lost: times the bus went away (down, removed, closed by its server).
-        silences: times a bus that had given frames gave none for `daemon.silence.SILENCE_S`.
+        silences: times a bus that had given frames gave none for `daemon.wire.silence.SILENCE_S`.
         reconnects: times it came back.
         sent: messages handed to the bus.
         send_failures: messages that the bus did not take.

@@ -10,11 +10,11 @@ from dctorque_can.analysis.status_shares import StatusShares
 from dctorque_can.chain import Chain
 from dctorque_can.config.load import Config
 from dctorque_can.daemon.clock_watch import ClockWatch
-from dctorque_can.daemon.latency import Latency
-from dctorque_can.daemon.links import BusLinks
-from dctorque_can.daemon.log_process import LogProcess
-from dctorque_can.daemon.publisher import Publisher
+from dctorque_can.daemon.log.process import LogProcess
+from dctorque_can.daemon.output.publisher import Publisher
 from dctorque_can.daemon.stalls import StallWatch
+from dctorque_can.daemon.status.latency import Latency
+from dctorque_can.daemon.wire.links import BusLinks
 
 
 @dataclass

@@ -22,9 +22,9 @@ import numpy as np
 
 from dctorque_can.daemon import journal
 from dctorque_can.daemon.journal import Priority
-from dctorque_can.daemon.log_disk import Disk, report
-from dctorque_can.daemon.log_plan import STATE_NAME, LogPlan
-from dctorque_can.daemon.log_protocol import (
+from dctorque_can.daemon.log.disk import Disk, report
+from dctorque_can.daemon.log.plan import STATE_NAME, LogPlan
+from dctorque_can.daemon.log.protocol import (
     Kind,
     MessageSplitter,
     read_end,
@@ -33,7 +33,7 @@ from dctorque_can.daemon.log_protocol import (
     read_rotate,
     read_table_rows,
 )
-from dctorque_can.daemon.log_quota import mark
+from dctorque_can.daemon.log.quota import mark
 from dctorque_can.errors import DctorqueError
 from dctorque_can.logs.mcap.layout import EventLevel
 from dctorque_can.logs.mcap.table import ESTIMATES, HEALTH, Table

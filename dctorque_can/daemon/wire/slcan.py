@@ -11,8 +11,8 @@ import can
 from can.interfaces.slcan import slcanBus
 from can.util import CAN_FD_DLC
 
-from dctorque_can.daemon.opening import DamagedLineError
-from dctorque_can.daemon.sender import SEND_S
+from dctorque_can.daemon.wire.opening import DamagedLineError
+from dctorque_can.daemon.wire.sender import SEND_S
 
 LONGEST_LINE = 256  # a frame of CAN FD with a time stamp has 147 characters
 

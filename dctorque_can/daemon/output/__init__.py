@@ -1,0 +1,1 @@
+"""What the service sends on the bus, and when it does not."""

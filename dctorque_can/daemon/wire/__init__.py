@@ -1,0 +1,1 @@
+"""The connection to the buses: opened, watched, lost and opened again."""
