@@ -32,3 +32,11 @@ def start(module: str, pipe_bytes: int | None = None) -> subprocess.Popen[bytes]
     for pipe in (process.stdin, process.stdout):
         os.set_blocking(pipe.fileno(), False)
     return process
+
+
+def close_pipes(process: subprocess.Popen[bytes]) -> None:
+    """Close both pipes to a process, whatever became of it."""
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None and not pipe.closed:
+            with suppress(BrokenPipeError):
+                pipe.close()

@@ -9,6 +9,7 @@ from dctorque_can.report.clutch_map_lines import map_lines
 from dctorque_can.report.message_lines import message_lines
 from dctorque_can.report.status_lines import finding_lines, hint_lines, status_lines, transmission_line
 
+_MOST_PATHS = 5  # that are told one by one
 _WORTH_A_LINE = ("lost", "send_failures", "error_frames", "damaged", "dropped")
 
 
@@ -42,7 +43,7 @@ def run_lines(summary: Mapping[str, Any]) -> Iterator[str]:
     yield from message_lines(summary["messages"])
     if (log := summary["log"]) is not None:
         missing = f"; {log['dropped']} frames missing" if log["dropped"] else ""
-        yield f"log: {log['written']} frames in {', '.join(log['paths']) or 'no file'}{missing}"
+        yield f"log: {log['written']} frames in {_listed(log['paths'])}{missing}"
         if log["late_flushes"]:
             yield (
                 f"log: {log['late_flushes']} times later with the operating system than logging.flush_ms, "
@@ -82,6 +83,12 @@ def _output_lines(output: Mapping[str, Any]) -> Iterator[str]:
         yield f"{output['late']} frames not sent, since they would have told of the past"
     if output["limited"]:
         yield f"{output['limited']} frames not sent, since they were too many"
+
+
+def _listed(paths: list[str]) -> str:
+    if len(paths) <= _MOST_PATHS:
+        return ", ".join(paths) or "no file"
+    return f"{len(paths)} files, from {paths[0]} to {paths[-1]}"
 
 
 def _shown(count: object) -> str:

@@ -15,7 +15,6 @@ from dctorque_can.daemon.service import Service
 from dctorque_can.daemon.status.process import StatusPlaces, StatusProcess
 from dctorque_can.offline.simulated_car import SimulatedDrive
 from dctorque_can.pipeline.frames import Frames
-from dctorque_can.pipeline.samples import Quantity
 
 Connect = Callable[[], can.BusABC]
 
@@ -81,11 +80,6 @@ def test_modules_of_the_working_directory_are_not_imported(
     status.wait_until_open(lambda: False)
     status.close()
     assert "somebody else" not in capfd.readouterr().err
-
-
-def test_quantities_are_all_that_a_bus_can_tell() -> None:
-    """No quantity is a command: a frame can falsify an estimate, and nothing else."""
-    assert not [quantity.name for quantity in Quantity if "STOP" in quantity.name or "LOG" in quantity.name]
 
 
 def test_logs_are_made_for_user_and_group_alone_under_the_umask_of_the_unit(

@@ -19,7 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from dctorque_can.daemon.child import start
+from dctorque_can.daemon.child import close_pipes, start
 from dctorque_can.daemon.log.counts import LogCounts, Message, State, no_state
 from dctorque_can.daemon.log.plan import LogPlan
 from dctorque_can.daemon.log.protocol import (
@@ -375,10 +375,7 @@ class LogProcess:
 
     def _forget(self) -> None:
         assert self._process is not None
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None and not pipe.closed:
-                with suppress(BrokenPipeError):
-                    pipe.close()
+        close_pipes(self._process)
         self._reports = b""
         self._rotation = 0
         self._process = None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dctorque_can.daemon.child import start
+from dctorque_can.daemon.child import close_pipes, start
 from dctorque_can.daemon.status.listener import SOCKET_NAME
 from dctorque_can.errors import DctorqueError
 
@@ -182,10 +182,7 @@ class StatusProcess:
 
     def _forget(self) -> None:
         assert self._process is not None
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None and not pipe.closed:
-                with suppress(BrokenPipeError):
-                    pipe.close()
+        close_pipes(self._process)
         self._process, self._rest, self._reports = None, b"", b""
 
 
