@@ -57,7 +57,7 @@ def log_writers(pid: int) -> list[int]:
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == pid and "log_worker" in (entry / "cmdline").read_text():
+            if parent == pid and "daemon.log.worker" in (entry / "cmdline").read_text():
                 found.append(int(entry.name))
         except OSError:  # it has ended meanwhile
             continue
