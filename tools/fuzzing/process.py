@@ -22,7 +22,7 @@ import atheris
 
 from dctorque_can.compiled import CompiledFunction
 
-from .rooms import ROOMS, Room, beside_databases
+from .rooms import ROOMS, Room, beside_databases, remember_databases
 
 PACKAGE = "dctorque_can."
 NOT_INSTRUMENTED = ("dctorque_can.compiled", "dctorque_can.compiling.")
@@ -41,7 +41,10 @@ class Trial:
     def __init__(self, room: Room, options: argparse.Namespace) -> None:
         folder = Path(options.work)
         self._room = room
-        self._path = (beside_databases(folder) if room.file.endswith(".yaml") else folder) / room.file
+        if room.file.endswith(".yaml"):
+            folder = beside_databases(folder)
+            remember_databases()
+        self._path = folder / room.file
         self._options = options
         begun = [*room.seed_files(), *Path(options.corpus).iterdir()]
         self._known = {path.read_bytes() for path in begun}  # read again, but not counted again
