@@ -32,23 +32,18 @@ from dctorque_can.estimators.kalman import answers, engine, faults, gearbox, hin
 from dctorque_can.estimators.kalman import filter as kalman
 from dctorque_can.estimators.kalman.design import KalmanDesign
 from dctorque_can.estimators.kalman.faults import SensorFault
-from dctorque_can.estimators.kalman.filter import Kalman, measure
+from dctorque_can.estimators.kalman.filter import Kalman
 from dctorque_can.estimators.kalman.learning import noise_factor
-from dctorque_can.estimators.kalman.model import DT_E, GAIN, LATE, T_C1, W_B, W_C1, W_D, W_E, W_W, N
+from dctorque_can.estimators.kalman.magnitudes import measure_magnitude
+from dctorque_can.estimators.kalman.model import DT_E, GAIN, LATE, W_B, W_C1, W_D, W_E, W_W, N
 from dctorque_can.estimators.kalman.noise import engine_variance
 from dctorque_can.estimators.kalman.thresholds import BRIDGED_US, FASTEST_WHEEL, FIRES, IMPLAUSIBLE_TORQUE
-from dctorque_can.estimators.kalman.tuning import SLIDING
 from dctorque_can.estimators.kalman.wheels import measure_axle, measure_either_way, stand_in_for_undriven
 from dctorque_can.pipeline.samples import Signs
 
 _ENGINE, _SHAFT, _DRIVEN, _UNDRIVEN, _TORQUE = 0, 1, 3, 4, 5  # sensors
 _REAR_WHEEL = WHEEL + 2
 _SLOW = 2.0  # rad/s at the wheel, below which a shaft winds up or rings the other way than the car goes
-_CLEAR = 2.0  # logarithm of the odds of a sign that is clear
-_PULLED, _PULLED_NM = (
-    3.0,
-    2.0,
-)  # σ, and N·m on top, by which no clutch pulls against its friction
 _SIGNED = int(Signs.SIGNED)
 _OPEN = int(ClutchPhase.OPEN)
 _NONE, _SPIKE, _STUCK, _BIASED, _MISSING = (int(fault) for fault in SensorFault)
@@ -157,7 +152,7 @@ def measure_shaft(inputs: Any, f: Any, tuning: Any, i: int, stands: bool, second
     ratio, sure, z = tuning.ratio[i, inputs.gear[i] + 1], inputs.direction != 0, inputs.value[quantity]
     slow = abs(z) < _SLOW * abs(ratio) if sure else stands
     if inputs.signs[quantity] != _SIGNED and slow:
-        measure_magnitude(inputs, f, tuning, quantity, sensor, state)
+        measure_magnitude(inputs, f, tuning, quantity, sensor, state, FASTEST_WHEEL * abs(ratio))
     elif sure:
         measure_speed(inputs, f, tuning, quantity, sensor, state, FASTEST_WHEEL * abs(ratio))
     elif inputs.fresh[quantity]:
@@ -315,27 +310,6 @@ def measure_speed(
             faults.measure_gated(f, tuning, sensor, state, z, variance, fastest)
     elif inputs.stale[quantity] and inputs.mapped[quantity]:
         faults.leave_out(f, sensor, _MISSING)
-
-
-@compiled_without_allocation
-def measure_magnitude(inputs: Any, f: Any, tuning: Any, quantity: int, sensor: int, state: int) -> None:
-    """Take a new speed without sign of a shaft that winds up, or rings, while the car stands or nearly does.
-
-    It has the sign that is predicted, if that is clear. Zero may be one that the sensor does not see. A torque
-    against the friction of a clutch that slides shows that the signs were wrong.
-    """
-    if not inputs.fresh[quantity]:
-        return
-    z, x, i = abs(inputs.value[quantity]), f.x[state], state - W_C1
-    variance = tuning.speed_variance[sensor] * noise_factor(f, tuning, sensor)
-    S, slip = f.P[state, state] + variance, f.x[W_D] - x
-    if inputs.closed[i] and abs(slip) > SLIDING:
-        torque = math.copysign(1.0, slip) * f.x[T_C1 + i]
-        if torque < -_PULLED * math.sqrt(max(f.P[T_C1 + i, T_C1 + i], 0.0)) - _PULLED_NM:
-            gearbox.begin_shaft_anew(f, tuning, i, math.copysign(z, slip), variance)
-            return
-    if 2.0 * abs(x) * z > _CLEAR * S and (z - abs(x)) ** 2 <= tuning.gate * S:
-        measure(f, state, math.copysign(z, x), variance)
 
 
 @compiled_without_allocation
